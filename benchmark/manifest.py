@@ -1,0 +1,129 @@
+"""The manifest: what a finished split holds, how it was made, and the digest of each shard."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from eigenbench.errors import DataError, EigenbenchError
+from eigenbench.records import Audit, Recipe
+from eigenbench.shard_format import FORMAT_VERSION
+from eigenbench.shards import write_text_atomically
+from eigenbench.tasks import SPLITS, TASKS, TaskSpec, find_task
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True, slots=True)
+class ShardEntry:
+    """One shard of a split: its size, its positives and the content digests of its two files."""
+
+    pairs: int
+    positives: int
+    inputs: str
+    targets: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """A finished split.
+
+    Attributes
+    ----------
+    recipe : what decided its bytes
+    shards : one entry a shard, in order
+    audit : what FCL checked
+    shapes_source : the `--shapes` argument, "default" or "meshes=DIR"
+    shapes_used : number of shapes per category
+    shapes_refused : reason by shape, for every shape that could not be used
+    versions : library versions of the run that made it
+    digest : sha256 over the shards' content digests
+    """
+
+    recipe: Recipe
+    shards: tuple[ShardEntry, ...]
+    audit: Audit
+    shapes_source: str
+    shapes_used: dict[str, int]
+    shapes_refused: dict[str, str]
+    versions: dict[str, str]
+    format_version: int = FORMAT_VERSION
+    digest: str = field(default="")
+
+    def __post_init__(self) -> None:
+        """Fill in the digest, or check the one that was read."""
+        joined = "\n".join(f"{s.inputs} {s.targets}" for s in self.shards)
+        digest = hashlib.sha256(joined.encode()).hexdigest()
+        if self.digest not in ("", digest):
+            msg = f"its digest is {self.digest[:12]}, its shards give {digest[:12]}"
+            raise ValueError(msg)
+        object.__setattr__(self, "digest", digest)
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task's row of the table."""
+        return find_task(self.recipe.task)
+
+    @property
+    def positive_rate(self) -> float:
+        """Share of the pairs that fit."""
+        return sum(s.positives for s in self.shards) / self.recipe.pairs
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write `manifest.json`, the last file of a split."""
+    body = asdict(manifest) | {"positive_rate": round(manifest.positive_rate, 6)}
+    write_text_atomically(folder / MANIFEST, json.dumps(body, indent=1) + "\n")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read the manifest of a split folder; DataError says what is wrong and what to do."""
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise DataError(_no_manifest(folder))
+    try:
+        body: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        body.pop("positive_rate", None)
+        return Manifest(
+            **body
+            | {
+                "recipe": Recipe(**body["recipe"]),
+                "audit": Audit(**body["audit"]),
+                "shards": tuple(ShardEntry(**s) for s in body["shards"]),
+            }
+        )
+    except (ValueError, KeyError, TypeError, EigenbenchError) as error:
+        msg = f"{path} is not a manifest of this eigenbench: {error}. Generate the split again."
+        raise DataError(msg) from error
+
+
+def find_splits(path: Path) -> list[Path]:
+    """Return the split folders at or below `path`: itself, `<split>` or `<task>/<split>`."""
+    if not path.is_dir():
+        msg = f"Data folder {path} does not exist; `eigenbench generate` makes one."
+        raise DataError(msg)
+    if (path / MANIFEST).is_file():
+        return [path]
+    found = [m.parent for pattern in (MANIFEST, f"*/{MANIFEST}", f"*/*/{MANIFEST}") for m in path.glob(pattern)]
+    rank = {**{t: i for i, t in enumerate(TASKS)}, **{s: i for i, s in enumerate(SPLITS)}}
+    return sorted(found, key=lambda p: (rank.get(p.parent.name, 99), rank.get(p.name, 99), str(p)))
+
+
+def only_split(path: Path) -> Path:
+    """Return `path` if it is one split; DataError lists the splits below it otherwise."""
+    found = find_splits(path)
+    if found == [path]:
+        return path
+    if not found:
+        raise DataError(_no_manifest(path))
+    msg = f"{path} holds several splits; pass one of: {', '.join(str(f) for f in found)}."
+    raise DataError(msg)
+
+
+def _no_manifest(folder: Path) -> str:
+    if not folder.is_dir():
+        return f"Data folder {folder} does not exist; `eigenbench generate` makes one."
+    if list(folder.glob("inputs-*.h5")):
+        return f"{folder} is not finished (no {MANIFEST}); run the same `eigenbench generate` command again."
+    return f"{folder} holds no {MANIFEST}, so it is not a data folder; `eigenbench generate` makes one."

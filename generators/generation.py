@@ -1,0 +1,341 @@
+"""From a recipe to a folder of shards: planning, workers, resuming, the manifest.
+
+A shard is a pure function of (recipe, shapes, index). Workers share nothing and hold no lock; each
+ends when its parent does, so an interrupted run can always be started again and goes on.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from importlib.metadata import version
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenbench.errors import DataError, GenerationError, UsageError
+from eigenbench.generators import relabelling, tube
+from eigenbench.generators.library import Library, load_library, open_library, parse_source
+from eigenbench.generators.philox import key_of
+from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
+from eigenbench.records import Arrays, Audit, Recipe
+from eigenbench.shard_format import (
+    PAIRS_PER_SHARD,
+    PRIMITIVE_SHAPE,
+    REASONS,
+    content_digest,
+    shard_name,
+    shard_sizes,
+    zero_rows,
+)
+from eigenbench.shards import read_about, read_shard, remove_leftovers, write_shard
+from eigenbench.tasks import SPLITS, find_task
+
+FULL_SIZE = {"train": 75_000, "test": 20_000}
+"""Pairs of each split, as in the paper."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with (split, pairs done, pairs in all)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShardJob:
+    """What a worker needs to make one shard."""
+
+    recipe: Recipe
+    library: Path
+    folder: Path
+    index: int
+    pairs: int
+
+    @property
+    def first(self) -> int:
+        """Index of the shard's first pair."""
+        return self.index * PAIRS_PER_SHARD
+
+    def path(self, file: str) -> Path:
+        """Return the place of one of the shard's two files."""
+        return self.folder / shard_name(file, self.index)
+
+
+@dataclass(frozen=True, slots=True)
+class ShardDone:
+    """A finished shard: its manifest entry and what FCL checked."""
+
+    index: int
+    entry: ShardEntry
+    audit: Audit
+
+
+def generate(
+    task: str,
+    split: str = "all",
+    pairs: int | None = None,
+    out: str | Path = "data",
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+    engine: str = "fast",
+    protocol: str = "exact",
+    shapes: str = "default",
+    audit: float = 0.001,
+    progress: Progress | None = None,
+) -> dict[Path, Manifest]:
+    """Generate the splits of a task into `<out>/<task>/<split>/` and return their manifests by folder.
+
+    A split that is already there with the same recipe is left as it is; an unfinished one goes on
+    where it stopped. `workers` defaults to the number of usable cores. Everything about the pairs is
+    decided by the recipe, so neither workers nor interruptions change a byte.
+
+    Raises
+    ------
+    UsageError : an argument is unknown or out of range, or a folder holds another recipe
+    ShapeError : the shape source leaves no usable shape
+    GenerationError : a worker died, the disk is full, or FCL contradicted a label
+    """
+    workers = _usable_cores() if workers is None else workers
+    if workers < 1:
+        msg = f"Number of workers is {workers}; it must be at least 1."
+        raise UsageError(msg)
+    names = SPLITS if split == "all" else (split,)
+    kind, _ = parse_source(shapes)
+    plans = []
+    for name in names:
+        size = FULL_SIZE.get(name, 1) if pairs is None else pairs
+        recipe = Recipe(task, name, size, seed, protocol, engine, audit, kind)
+        library = load_library(shapes, name)
+        recipe = replace(recipe, shapes_digest=library.digest)
+        folder = Path(out) / task / name
+        _check_folder(folder, recipe)
+        plans.append((folder, recipe, library))
+    return {
+        folder: _generate_split(folder, recipe, library, shapes, workers, progress)
+        for folder, recipe, library in plans
+    }
+
+
+def _usable_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _check_folder(folder: Path, recipe: Recipe) -> None:
+    """Refuse a folder that holds another recipe, finished or not; nothing in it is touched."""
+    if (folder / MANIFEST).is_file():
+        found = read_manifest(folder).recipe
+    else:
+        started = sorted(folder.glob("targets-*.h5")) if folder.is_dir() else []
+        abouts = (_about_or_none(path) for path in started)
+        found = next((Recipe(**about["recipe"]) for about in abouts if about), recipe)
+    if differences := recipe.differences(found):
+        msg = f"{folder} holds another recipe: {'; '.join(differences)}. Choose another --out or remove it."
+        raise UsageError(msg)
+
+
+def _about_or_none(path: Path) -> dict[str, Any] | None:
+    try:
+        return read_about(path)
+    except DataError:
+        return None
+
+
+def _generate_split(
+    folder: Path, recipe: Recipe, library: Library, source: str, workers: int, progress: Progress | None
+) -> Manifest:
+    if (folder / MANIFEST).is_file():
+        if progress:
+            progress(recipe.split, recipe.pairs, recipe.pairs)
+        return read_manifest(folder)
+    _make_folder(folder)
+    remove_leftovers(folder)
+    jobs = [
+        ShardJob(recipe, library.path, folder, index, size)
+        for index, size in enumerate(shard_sizes(recipe.pairs))
+    ]
+    done: dict[int, ShardDone] = {}
+    finished = 0
+    for shard in _run(jobs, min(workers, len(jobs))):
+        done[shard.index] = shard
+        finished += shard.entry.pairs
+        if progress:
+            progress(recipe.split, finished, recipe.pairs)
+    manifest = Manifest(
+        recipe=recipe,
+        shards=tuple(done[k].entry for k in range(len(jobs))),
+        audit=sum((d.audit for d in done.values()), Audit()),
+        shapes_source=source,
+        shapes_used=library.used,
+        shapes_refused=library.refused,
+        versions=library_versions(),
+    )
+    write_manifest(folder, manifest)
+    return manifest
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"Output folder {folder} cannot be made: {error.strerror}. Choose another --out."
+        raise UsageError(msg) from error
+
+
+def library_versions() -> dict[str, str]:
+    """Return the version of each library that can touch the bytes."""
+    packages = ("eigenbench", "numpy", "scipy", "numba", "h5py", "trimesh", "python-fcl", "manifold3d")
+    return {name: version(name) for name in packages}
+
+
+def _run(jobs: list[ShardJob], workers: int) -> Iterator[ShardDone]:
+    """Make the shards, in this process or in workers; on any end, stop the workers."""
+    if workers == 1:
+        yield from map(make_shard, jobs)
+        return
+    warm_up(jobs[0])
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    executor: Executor = ProcessPoolExecutor(workers, context, initializer=_die_with_parent)
+    futures: list[Future[ShardDone]] = []
+    try:
+        futures = [executor.submit(make_shard, job) for job in jobs]
+        for future in as_completed(futures):
+            yield future.result()
+    except BrokenProcessPool as error:
+        msg = (
+            "A worker process died (out of memory, or killed). Finished shards are kept; run the same command again, "
+            "with fewer --workers if memory was short. In a script, call generate under `if __name__ == '__main__':`."
+        )
+        raise GenerationError(msg) from error
+    finally:
+        for future in futures:
+            future.cancel()
+        if any(not future.done() for future in futures):
+            for process in set(multiprocessing.active_children()) - before:
+                process.terminate()
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _die_with_parent() -> None:
+    """Run in a worker: leave Ctrl-C to the parent, and end when the parent does, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
+
+
+def _watch(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
+
+
+def warm_up(job: ShardJob) -> None:
+    """Compile the kernels, or load them, once before the workers start, so that none compiles twice."""
+    library = _library(job.library)
+    _fill(job.recipe, library, 0, 1)
+
+
+@lru_cache(maxsize=2)
+def _library(path: Path) -> Library:
+    return open_library(path)
+
+
+def make_shard(job: ShardJob) -> ShardDone:
+    """Make one shard, or find it already made: the whole work of a worker."""
+    found = _finished(job)
+    if found is not None:
+        return found
+    library = _library(job.library)
+    inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
+    counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
+    if troubles:
+        msg = f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
+        raise GenerationError(msg, detail="\n".join(troubles))
+    inputs_digest = write_shard(job.path("inputs"), "inputs", inputs, {})
+    about = {
+        "recipe": asdict(job.recipe),
+        "shard": job.index,
+        "audit": asdict(counts),
+        "inputs_digest": inputs_digest,
+    }
+    targets_digest = write_shard(job.path("targets"), "targets", targets, about)
+    entry = ShardEntry(job.pairs, int(targets["label"].sum()), inputs_digest, targets_digest)
+    return ShardDone(job.index, entry, counts)
+
+
+def _finished(job: ShardJob) -> ShardDone | None:
+    """Return a shard that an earlier run finished, after hashing it again; None if it must be made."""
+    try:
+        about = read_about(job.path("targets"))
+        task = find_task(job.recipe.task)
+        targets = read_shard(job.path("targets"), "targets", task)
+        inputs = read_shard(job.path("inputs"), "inputs", task)
+        whole = (
+            Recipe(**about["recipe"]) == job.recipe
+            and about["digest"] == content_digest("targets", targets)
+            and about["inputs_digest"] == content_digest("inputs", inputs)
+        )
+    except (DataError, KeyError, TypeError):
+        return None
+    if not whole or len(targets["label"]) != job.pairs:
+        return None
+    entry = ShardEntry(job.pairs, int(targets["label"].sum()), about["inputs_digest"], about["digest"])
+    return ShardDone(job.index, entry, Audit(**about["audit"]))
+
+
+def build_rows(
+    recipe: Recipe, library: Library, first: int, count: int
+) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
+    """Return (inputs, targets, shape index of each row) of the pairs first to first + count - 1."""
+    inputs, targets, shapes = _fill(recipe, library, first, count)
+    targets["pair_id"][:] = inputs["pair_id"]
+    targets["binding"][:] = True
+    targets["env_scale"][:] = 1.0
+    targets["env_rotation"][:, 0] = 1.0
+    targets["env_shape"][:] = PRIMITIVE_SHAPE.encode()
+    targets["env_category"][:] = recipe.task.encode()
+    targets["obj_shape"][:] = library.names[shapes]
+    targets["obj_category"][:] = library.categories[shapes]
+    if recipe.engine == "fcl":
+        _label_by_fcl(recipe, library, shapes, first, targets)
+    return inputs, targets, shapes
+
+
+def _fill(
+    recipe: Recipe, library: Library, first: int, count: int
+) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
+    task = find_task(recipe.task)
+    inputs, targets = zero_rows("inputs", count, task), zero_rows("targets", count, task)
+    shapes = np.zeros(count, dtype=np.int64)
+    tube.fill(
+        key_of(recipe),
+        first,
+        library.surface,
+        recipe.protocol == "exact",
+        tuple(inputs[k] for k in ("pair_id", "env_points", "obj_points")),
+        tuple(targets[k] for k in tube.TARGETS),
+        shapes,
+    )
+    return inputs, targets, shapes
+
+
+def _label_by_fcl(
+    recipe: Recipe, library: Library, shapes: NDArray[np.int64], first: int, targets: Arrays
+) -> None:
+    """Replace labels, witnesses and reasons by those of the FCL sweep."""
+    for row, shape in enumerate(shapes):
+        found = relabelling.relabel(recipe, library, int(shape), first + row, targets, row)
+        targets["label"][row] = found.label
+        targets["witness"][row] = found.witness
+        if found.label:
+            targets["reason"][row] = REASONS["fits"]
+        elif targets["margin"][row] < 0:
+            targets["reason"][row] = REASONS["length_0"] + targets["decides"][row]
+        else:
+            targets["reason"][row] = REASONS["no_candidate"]

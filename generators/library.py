@@ -1,0 +1,224 @@
+"""The shapes of one split, normalised and packed for the kernels; built once, cached on disk."""
+
+import hashlib
+import json
+from collections import Counter
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from eigenbench.cache import cache_folder
+from eigenbench.errors import DataError, ShapeError, UsageError
+from eigenbench.generators.measures import enclosing_ball
+from eigenbench.generators.shapes import COUNTS, Shape, make_shape
+from eigenbench.generators.surface import Surface, alias_table
+from eigenbench.shard_format import round_to
+from eigenbench.shards import publish, temporary_beside
+
+VERTEX_BITS = 26
+"""Normalised vertices lie on a grid of 2^-26, so that a last-bit difference changes no byte."""
+FLAT = 1e-6
+"""A shape is refused as flat if its hull's volume is below this share of its enclosing ball's."""
+_NAME_BYTES = 96
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """The shapes of one split.
+
+    Attributes
+    ----------
+    surface : the packed shapes, ordered by category
+    names : (K,) bytes, `category/name`
+    categories : (K,) bytes
+    refused : reason by shape name
+    digest : sha256 of names, categories and arrays
+    path : the file that holds all this, for workers
+    """
+
+    surface: Surface
+    names: NDArray[np.bytes_]
+    categories: NDArray[np.bytes_]
+    refused: dict[str, str]
+    digest: str
+    path: Path
+
+    def hull(self, shape: int) -> NDArray[np.float64]:
+        """Return the (h, 3) hull vertices of a shape, in its rest frame at size 1."""
+        start = self.surface.hull_start
+        return self.surface.hull[start[shape] : start[shape + 1]]
+
+    @property
+    def used(self) -> dict[str, int]:
+        """Number of shapes per category."""
+        return {c.decode(): int(n) for c, n in sorted(Counter(self.categories.tolist()).items())}
+
+
+def load_library(source: str, split: str) -> Library:
+    """Build or fetch the objects of a split from `default` or `meshes=DIR`.
+
+    UsageError for another source, ShapeError where no usable shape is left.
+    """
+    kind, folder = parse_source(source)
+    if kind == "meshes":
+        from eigenbench.generators.meshes import load_objects
+
+        return _pack(*load_objects(folder, split))
+    note = cache_folder() / "shapes" / f"default-{_default_key()}-{split}"
+    if note.is_file():
+        stored = Path(note.read_text())
+        try:
+            return open_library(stored)
+        except DataError:
+            stored.unlink(missing_ok=True)
+    shapes = [make_shape(c, i) for c, count in sorted(COUNTS[split].items()) for i in range(count)]
+    library = _pack(shapes, {})
+    temporary = temporary_beside(note)
+    temporary.write_text(str(library.path))
+    temporary.replace(note)
+    return library
+
+
+def parse_source(source: str) -> tuple[str, Path]:
+    """Split `default` or `meshes=DIR` into (kind, folder); UsageError for anything else."""
+    kind, _, folder = source.partition("=")
+    if kind == "default" and not folder:
+        return kind, Path()
+    if kind == "meshes" and folder:
+        return kind, Path(folder).expanduser()
+    msg = f"Shape source '{source}' is not known; use 'default' or 'meshes=DIR'."
+    raise UsageError(msg)
+
+
+def _default_key() -> str:
+    """Return what the built-in shapes depend on: the sources that make them and their libraries."""
+    digest = hashlib.sha256()
+    for name in ("library.py", "measures.py", "shapes.py", "solids.py", "surface.py"):
+        digest.update((Path(__file__).parent / name).read_bytes())
+    for package in ("numpy", "scipy", "manifold3d"):
+        digest.update(version(package).encode())
+    return digest.hexdigest()[:16]
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    """One shape's rows of a `Surface`."""
+
+    triangles: NDArray[np.float64]
+    keep: NDArray[np.uint64]
+    other: NDArray[np.int64]
+    hull: NDArray[np.float64]
+
+
+def normalise(shape: Shape) -> _Packed:
+    """Centre a shape in its smallest enclosing ball, scale that to diameter 1, and prepare its sampling.
+
+    ShapeError if the shape has no area or is flat.
+    """
+    vertices, faces = shape.mesh.vertices, shape.mesh.faces
+    spread = float(np.ptp(vertices, axis=0).max())
+    if spread == 0.0:
+        msg = "has zero size: all its vertices coincide"
+        raise ShapeError(msg)
+    try:
+        hull = ConvexHull(vertices / spread)
+    except QhullError as error:
+        msg = "is flat: its vertices lie in one plane or line"
+        raise ShapeError(msg) from error
+    centre, radius = enclosing_ball(vertices[hull.vertices])
+    if hull.volume * spread**3 < FLAT * 4 / 3 * np.pi * radius**3:
+        msg = "is flat: its convex hull has no volume"
+        raise ShapeError(msg)
+    unit = round_to((vertices - centre) / (2 * radius), VERTEX_BITS)
+    corners = unit[faces]
+    triangles = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
+    keep, other, area = alias_table(triangles)
+    if area == 0.0:
+        msg = "has zero area"
+        raise ShapeError(msg)
+    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)])
+
+
+def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
+    """Normalise and pack shapes, which are sorted by category; the unusable join `refused`."""
+    refused = dict(refused)
+    kept: list[Shape] = []
+    packed: list[_Packed] = []
+    for shape in shapes:
+        try:
+            packed.append(normalise(shape))
+            kept.append(shape)
+        except ShapeError as error:
+            refused[f"{shape.category}/{shape.name}"] = str(error)
+    if not kept:
+        name, reason = next(iter(refused.items()))
+        msg = f"No shape can be used; {name}: {reason}."
+        raise ShapeError(msg)
+    categories = np.array([s.category.encode() for s in kept], dtype="S32")
+    surface = Surface(
+        np.concatenate([p.triangles for p in packed]),
+        np.concatenate([p.keep for p in packed]),
+        np.concatenate([p.other for p in packed]),
+        _starts([len(p.triangles) for p in packed]),
+        np.concatenate([p.hull for p in packed]),
+        _starts([len(p.hull) for p in packed]),
+        _starts([n for _, n in sorted(Counter(categories.tolist()).items())]),
+    )
+    return _store(surface, np.array([_short(s) for s in kept], dtype=f"S{_NAME_BYTES}"), categories, refused)
+
+
+def _short(shape: Shape) -> bytes:
+    """Return `category/name` in at most 96 bytes; a longer one ends in a digest of the whole."""
+    name = f"{shape.category}/{shape.name}".encode()
+    if len(name) <= _NAME_BYTES:
+        return name
+    return name[: _NAME_BYTES - 17].decode(errors="ignore").encode() + b"~" + hashlib.sha256(name).hexdigest()[:16].encode()
+
+
+def _starts(counts: list[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _digest(arrays: dict[str, NDArray[np.generic]]) -> str:
+    digest = hashlib.sha256()
+    for name, values in arrays.items():
+        digest.update(f"{name} {values.dtype} {values.shape}\n".encode())
+        digest.update(np.ascontiguousarray(values).view(np.uint8).data)
+    return digest.hexdigest()
+
+
+def _store(
+    surface: Surface, names: NDArray[np.bytes_], categories: NDArray[np.bytes_], refused: dict[str, str]
+) -> Library:
+    """Write the packed shapes into the cache, under their digest, and return them."""
+    arrays = {**surface._asdict(), "names": names, "categories": categories}
+    digest = _digest(arrays)
+    path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = temporary_beside(path)
+        with temporary.open("wb") as handle:
+            np.savez(handle, refused=np.array(json.dumps(refused)), **arrays)
+        publish(temporary, path)
+    return Library(surface, names, categories, refused, digest, path)
+
+
+def open_library(path: Path) -> Library:
+    """Read packed shapes back; DataError if the file is missing or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories")}
+            refused = json.loads(str(stored["refused"]))
+    except (OSError, ValueError, KeyError) as error:
+        msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
+        raise DataError(msg) from error
+    digest = _digest(arrays)
+    if path.stem != digest[:32]:
+        msg = f"Shape cache {path} is damaged: its content has digest {digest[:32]}. Delete it and run again."
+        raise DataError(msg)
+    surface = Surface(**{k: arrays[k] for k in Surface._fields})
+    return Library(surface, arrays["names"], arrays["categories"], refused, digest, path)
