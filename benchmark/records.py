@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import UsageError, choose
-from eigenbench.tasks import SPLITS, TaskSpec, find_task
+from eigenbench.tasks import SPLITS, find_task
 
 Arrays = dict[str, NDArray[Any]]
 """One array per field, rows aligned."""
@@ -125,20 +124,3 @@ class Prediction:
         for name in answer:
             choose("prediction field", str(name), [f.name for f in fields(cls)])
         return cls(**answer)
-
-
-def slots_of(prediction: Mapping[str, NDArray[Any]]) -> int | None:
-    """Return S of a prediction's arrays, None where it gives no lengths."""
-    lengths = prediction.get("env_lengths")
-    return None if lengths is None else int(lengths.shape[1])
-
-
-def groups_for(task: TaskSpec, slots: int, groups: Groups | None) -> Groups:
-    """Return the AND groups that compose a decision: the model's, else one of all its slots."""
-    del task
-    return groups if groups is not None else (tuple(range(slots)),)
-
-
-def as_float64(values: NDArray[Any]) -> NDArray[np.float64]:
-    """Return values as float64."""
-    return np.asarray(values, dtype=np.float64)

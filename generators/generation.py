@@ -4,27 +4,21 @@ A shard is a pure function of (recipe, shapes, index). Workers share nothing and
 ends when its parent does, so an interrupted run can always be started again and goes on.
 """
 
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
-from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.errors import DataError, GenerationError, UsageError
+from eigenbench.errors import DataError, GenerationError, UsageError, choose
 from eigenbench.generators import relabelling, tube
 from eigenbench.generators.library import Library, load_library, open_library, parse_source
 from eigenbench.generators.philox import key_of
+from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
 from eigenbench.records import Arrays, Audit, Recipe
 from eigenbench.shard_format import (
@@ -101,11 +95,10 @@ def generate(
     ShapeError : the shape source leaves no usable shape
     GenerationError : a worker died, the disk is full, or FCL contradicted a label
     """
-    workers = _usable_cores() if workers is None else workers
-    if workers < 1:
-        msg = f"Number of workers is {workers}; it must be at least 1."
-        raise UsageError(msg)
+    workers = worker_count(workers)
     names = SPLITS if split == "all" else (split,)
+    find_task(task)
+    choose("split", split, (*SPLITS, "all"))
     kind, _ = parse_source(shapes)
     plans = []
     for name in names:
@@ -120,10 +113,6 @@ def generate(
         folder: _generate_split(folder, recipe, library, shapes, workers, progress)
         for folder, recipe, library in plans
     }
-
-
-def _usable_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_folder(folder: Path, recipe: Recipe) -> None:
@@ -161,7 +150,8 @@ def _generate_split(
     ]
     done: dict[int, ShardDone] = {}
     finished = 0
-    for shard in _run(jobs, min(workers, len(jobs))):
+    warm_up(jobs[0])
+    for shard in run_jobs(make_shard, jobs, workers):
         done[shard.index] = shard
         finished += shard.entry.pairs
         if progress:
@@ -193,56 +183,15 @@ def library_versions() -> dict[str, str]:
     return {name: version(name) for name in packages}
 
 
-def _run(jobs: list[ShardJob], workers: int) -> Iterator[ShardDone]:
-    """Make the shards, in this process or in workers; on any end, stop the workers."""
-    if workers == 1:
-        yield from map(make_shard, jobs)
-        return
-    warm_up(jobs[0])
-    before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    executor: Executor = ProcessPoolExecutor(workers, context, initializer=_die_with_parent)
-    futures: list[Future[ShardDone]] = []
-    try:
-        futures = [executor.submit(make_shard, job) for job in jobs]
-        for future in as_completed(futures):
-            yield future.result()
-    except BrokenProcessPool as error:
-        msg = (
-            "A worker process died (out of memory, or killed). Finished shards are kept; run the same command again, "
-            "with fewer --workers if memory was short. In a script, call generate under `if __name__ == '__main__':`."
-        )
-        raise GenerationError(msg) from error
-    finally:
-        for future in futures:
-            future.cancel()
-        if any(not future.done() for future in futures):
-            for process in set(multiprocessing.active_children()) - before:
-                process.terminate()
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _die_with_parent() -> None:
-    """Run in a worker: leave Ctrl-C to the parent, and end when the parent does, however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
-
-
-def _watch(sentinel: int) -> None:
-    wait([sentinel])
-    os._exit(1)
-
-
 def warm_up(job: ShardJob) -> None:
     """Compile the kernels, or load them, once before the workers start, so that none compiles twice."""
-    library = _library(job.library)
+    library = cached_library(job.library)
     _fill(job.recipe, library, 0, 1)
 
 
 @lru_cache(maxsize=2)
-def _library(path: Path) -> Library:
+def cached_library(path: Path) -> Library:
+    """Return the packed shapes of a file, read once a process."""
     return open_library(path)
 
 
@@ -251,7 +200,7 @@ def make_shard(job: ShardJob) -> ShardDone:
     found = _finished(job)
     if found is not None:
         return found
-    library = _library(job.library)
+    library = cached_library(job.library)
     inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
     counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
     if troubles:

@@ -20,8 +20,8 @@ from eigenbench.generators.philox import (
 from eigenbench.generators.surface import bounds, matrix_of, rounded_quaternion, sample_object
 from eigenbench.shard_format import CANDIDATES, CLOUD_BITS, LENGTH_BITS, MIN_MARGIN, REASONS
 
-SECTION_RANGE = (0.2, 0.8)
-"""Width and height of a tube, log-uniform, m: a factor of 4, so that no size tells the label."""
+SECTION_RANGE = (0.15, 0.9)
+"""Width and height of a tube, log-uniform, m: a factor of 6, so that a size alone says little."""
 LENGTH_RANGE = (0.3, 0.9)
 """Length of a tube, uniform, m."""
 RATIO_MAX = 1.5

@@ -1,0 +1,124 @@
+"""Self-checks of a submission on a toy set, in seconds, before a long run finds the fault.
+
+The toy pairs are boxes' and ellipsoids' surfaces made here with numpy; they have no labels. What is
+checked is how the model answers, not how well.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenbench.errors import UsageError
+from eigenbench.hosting import Answer, HostedModel, HostOptions
+from eigenbench.metrics import decide, one_group
+from eigenbench.shard_format import POINTS
+from eigenbench.tasks import find_task
+
+PAIRS = 24
+TOLERANCE = 1e-4
+"""Allowed change of an answer, relative to its own size: batches change the order of float32 sums."""
+
+Clouds = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One check: its name, whether it passed (None: does not apply), and what was seen."""
+
+    name: str
+    passed: bool | None
+    seen: str
+
+
+def check(model: str | Path, task: str = "tube", options: HostOptions | None = None) -> list[Finding]:
+    """Run a model on the toy set and return one finding per check.
+
+    ModelError if it cannot be loaded, fails, or breaks the interface; a finding that did not pass
+    means that `evaluate` would run, but its numbers could not be trusted.
+    """
+    env, obj = toy_clouds(np.random.default_rng(0))
+    with HostedModel(model, find_task(task), options or HostOptions()) as hosted:
+        first = hosted.predict(env, obj)
+        again = hosted.predict(env, obj)
+        singles = [hosted.predict(env[k : k + 1], obj[k : k + 1]) for k in range(len(env))]
+        turned = hosted.predict(env[::-1].copy(), obj[::-1].copy())
+        swapped = hosted.predict(env, np.roll(obj, 1, axis=0))
+        grounded = bool(hosted.capabilities["grounded"]) or "vectors" in first.arrays
+        level, network = hosted.isolation["level"], hosted.isolation["network"]
+    fields = ", ".join(f"{k} {v.shape}" for k, v in sorted(first.arrays.items()))
+    alone = Answer({k: np.concatenate([s.arrays[k] for s in singles]) for k in first.arrays}, None)
+    backward = Answer({k: v[::-1] for k, v in turned.arrays.items()}, None)
+    return [
+        Finding("interface: shapes, types, finite values", True, fields),
+        _same("repeatability: the same batch twice", first, again),
+        _same("batch size: one pair at a time (a train-mode batch norm fails here)", first, alone),
+        _same("order: the batch backwards", first, backward),
+        *_length_findings(first, swapped, grounded),
+        _composition(first),
+        Finding("isolation", None, f"level '{level}', network {network}"),
+    ]
+
+
+def toy_clouds(rng: np.random.Generator) -> tuple[Clouds, Clouds]:
+    """Return (PAIRS, 1024, 3) surfaces of boxes open along x, and of ellipsoids, in metres."""
+    size = rng.uniform(0.2, 0.8, (PAIRS, 1, 3))
+    env = rng.uniform(-0.5, 0.5, (PAIRS, POINTS, 3))
+    wall = rng.integers(1, 3, (PAIRS, POINTS, 1))
+    np.put_along_axis(env, wall, rng.choice([-0.5, 0.5], (PAIRS, POINTS, 1)), axis=2)
+    ball = rng.normal(size=(PAIRS, POINTS, 3))
+    ball /= 2 * np.linalg.norm(ball, axis=2, keepdims=True)
+    obj = ball * rng.uniform(0.2, 0.8, (PAIRS, 1, 3))
+    return (env * size).astype(np.float32), obj.astype(np.float32)
+
+
+def _difference(one: NDArray[np.generic], other: NDArray[np.generic]) -> float:
+    """Return the largest difference over the largest magnitude of the first."""
+    a, b = one.astype(np.float64), other.astype(np.float64)
+    return float(np.abs(a - b).max() / max(np.abs(a).max(), 1e-9))
+
+
+def _same(name: str, one: Answer, other: Answer) -> Finding:
+    differences = {k: _difference(v, other.arrays[k]) for k, v in one.arrays.items()}
+    worst = max(differences, key=lambda k: differences[k])
+    passed = differences[worst] <= TOLERANCE
+    return Finding(name, passed, f"largest change {differences[worst]:.1e} ({worst})")
+
+
+def _length_findings(first: Answer, swapped: Answer, grounded: bool) -> list[Finding]:
+    names = {
+        "env_lengths": "honesty: an environment's lengths do not move with the object",
+        "obj_lengths": "honesty: an object's lengths do not move with the environment",
+    }
+    if "env_lengths" not in first.arrays:
+        return [Finding(name, None, "no lengths provided") for name in names.values()]
+    findings = []
+    for field, name in names.items():
+        was = first.arrays[field]
+        now = swapped.arrays[field] if field == "env_lengths" else np.roll(swapped.arrays[field], -1, axis=0)
+        moved = _difference(was, now)
+        if field == "obj_lengths" and grounded:
+            findings.append(Finding(name, None, f"grounded: allowed (largest change {moved:.1e})"))
+        else:
+            findings.append(Finding(name, moved <= TOLERANCE, f"largest change {moved:.1e}"))
+    return findings
+
+
+def _composition(first: Answer) -> Finding:
+    name = "honesty: AND(env > obj) is the model's own decision"
+    arrays = first.arrays
+    if "env_lengths" not in arrays or "probability" not in arrays:
+        return Finding(name, None, "needs both lengths and a probability")
+    groups = first.groups or one_group(arrays["env_lengths"].shape[1])
+    composed = decide(arrays["env_lengths"], arrays["obj_lengths"], groups)
+    agree = float(np.mean(composed == (arrays["probability"] >= 0.5)))
+    return Finding(name, agree == 1.0, f"agrees on {agree:.1%} of the toy pairs")
+
+
+def require_all(findings: list[Finding]) -> None:
+    """Raise UsageError naming the first check that did not pass."""
+    for finding in findings:
+        if finding.passed is False:
+            msg = f"Check failed: {finding.name}: {finding.seen}."
+            raise UsageError(msg)

@@ -1,0 +1,141 @@
+"""The model's process: locks itself in, loads the model file, answers batches of clouds until told to stop.
+
+Started by `eigenbench.hosting` as `python -P -m eigenbench.model_host READ_FD WRITE_FD`. It is given
+clouds and nothing else: no label, no path of the data, no order, no seed.
+"""
+
+import importlib.util
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+from eigenbench.protocol import Channel, ChannelClosed, Header, pack_arrays, unpack_arrays
+from eigenbench.sandbox import enter
+
+
+def main() -> None:
+    """Serve one harness over the two file descriptors named on the command line."""
+    channel = Channel(int(sys.argv[1]), int(sys.argv[2]))
+    try:
+        order, _ = channel.receive()
+        try:
+            reached = enter(order)
+        except OSError as error:
+            channel.send({"kind": "error", "phase": "isolation", **_describe(error, "")})
+            return
+        channel.send({"kind": "isolation", **reached})
+        _serve(channel, order)
+    except ChannelClosed:
+        return
+
+
+def _serve(channel: Channel, order: Header) -> None:
+    phase = "import"
+    try:
+        builder = _import_builder(order)
+        phase = "build"
+        model = _build(builder, order)
+        channel.send({"kind": "ready", **_capabilities(model)})
+        phase = "predict"
+        while True:
+            header, body = channel.receive()
+            clouds = unpack_arrays(header["arrays"], body)
+            arrays, groups = _predict(model, clouds)
+            listed, payload = pack_arrays(arrays)
+            channel.send({"kind": "answer", "arrays": listed, "groups": groups}, payload)
+    except ChannelClosed:
+        raise
+    except BaseException as error:
+        # SystemExit and KeyboardInterrupt too: whatever a model raises is reported, not obeyed.
+        channel.send({"kind": "error", "phase": phase, **_describe(error, order["model"])})
+
+
+def _describe(error: BaseException, model: str) -> Header:
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if model and Path(f.filename) == Path(model)]
+    return {
+        "type": type(error).__name__,
+        "message": " ".join(str(error).split())[:500],
+        "line": own[-1].lineno if own else None,
+        "traceback": "".join(traceback.format_exception(error))[-20_000:],
+    }
+
+
+def _import_builder(order: Header) -> Any:
+    path = Path(order["model"])
+    sys.path.insert(0, str(path.parent))
+    sys.argv = [str(path)]
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        msg = f"{path.name} is not a Python file"
+        raise ImportError(msg)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    names = [order["name"]] if order["name"] else ["build", "Model"]
+    for name in names:
+        if hasattr(module, name):
+            return getattr(module, name)
+    msg = f"it defines no {' and no '.join(names)}"
+    raise AttributeError(msg)
+
+
+def _build(builder: Any, order: Header) -> Any:
+    from eigenbench.tasks import find_task
+
+    if isinstance(builder, type):
+        model = builder()
+    else:
+        model = builder(find_task(order["task"]), checkpoint=order["checkpoint"], device=order["device"])
+    if not callable(getattr(model, "predict", None)):
+        msg = f"{type(model).__name__} has no method predict(env, obj)"
+        raise AttributeError(msg)
+    return model
+
+
+def _capabilities(model: Any) -> Header:
+    return {
+        "arrays": str(getattr(model, "arrays", "numpy")),
+        "grounded": bool(getattr(model, "grounded", False)),
+        "can": [name for name in ("adapt", "fit") if callable(getattr(model, name, None))],
+    }
+
+
+def _predict(model: Any, clouds: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    from eigenbench.records import Prediction
+
+    env, obj = clouds["env"].copy(), clouds["obj"].copy()
+    if getattr(model, "arrays", "numpy") == "torch":
+        import torch
+
+        env, obj = torch.from_numpy(env), torch.from_numpy(obj)
+    answer = Prediction.of(model.predict(env, obj))
+    arrays = {}
+    for name in ("probability", "env_lengths", "obj_lengths", "vectors", "planes"):
+        value = getattr(answer, name)
+        if value is not None:
+            arrays[name] = _as_floats(name, value)
+    groups = None if answer.groups is None else [[int(s) for s in group] for group in answer.groups]
+    return arrays, groups
+
+
+def _as_floats(name: str, value: Any) -> Any:
+    """Return a tensor, list or array as float32 or float64; narrower numbers are widened, none narrowed."""
+    import numpy as np
+
+    if hasattr(value, "detach"):
+        value = value.detach().cpu()
+        value = value.float() if str(value.dtype) == "torch.bfloat16" else value
+        value = value.numpy()
+    values = np.asarray(value)
+    if values.dtype.kind not in "fiub":
+        msg = f"{name} has type {values.dtype}; it must be numbers"
+        raise TypeError(msg)
+    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64)
+
+
+if __name__ == "__main__":
+    main()
+    os._exit(0)

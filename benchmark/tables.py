@@ -1,0 +1,157 @@
+"""Results and descriptions as text for a terminal."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from eigenbench.checking import Finding
+
+_console = Console(highlight=False, soft_wrap=True)
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+    return table
+
+
+def _percent(interval: dict[str, Any] | None) -> str:
+    if interval is None or interval["value"] is None:
+        return "not provided"
+    return f"{interval['value']:.2%} [{interval['low']:.2%}, {interval['high']:.2%}]"
+
+
+def _number(interval: dict[str, Any] | None) -> str:
+    if interval is None or interval["value"] is None:
+        return "not provided"
+    return f"{interval['value']:.4f} [{interval['low']:.4f}, {interval['high']:.4f}]"
+
+
+def print_result(result: dict[str, Any]) -> None:
+    """Print a result: overall, beside its references, then per group, then the lengths."""
+    scores, data = result["scores"], result["data"]
+    _console.print(
+        f"{result['model']['file']} on {data['task']}/{data['split']}, {scores['pairs']:,} pairs, digest "
+        f"{data['digest'][:16]}; decided by its {scores['decided_by']}; isolation {result['isolation']['level']}, "
+        f"network {result['isolation']['network']}; 95 % intervals by crossed bootstrap"
+    )
+    overall = _table("Overall", "metric", "value [95 % interval]")
+    for name in ("accuracy", "balanced_accuracy", "precision", "recall", "f1"):
+        overall.add_row(name.replace("_", " "), _percent(scores[name]))
+    overall.add_row("AUROC", _number(scores["auroc"]))
+    for name in ("brier", "calibration_error"):
+        overall.add_row(name.replace("_", " "), _number(scores.get(name)))
+    if "agreement_with_own_probability" in scores:
+        overall.add_row("agreement with own probability", _percent(scores["agreement_with_own_probability"]))
+    _console.print(overall)
+    references = _table("Beside it (accuracy)", "reference", "value [95 % interval]")
+    for name, interval in scores["references"].items():
+        references.add_row(name.replace("_", " "), _percent(interval))
+    _console.print(references)
+    for kind, title in (("obj_category", "By object category"), ("margin", "By margin / deciding length")):
+        groups = _table(title, "group", "pairs", "accuracy [95 % interval]", "exact measurer")
+        for name, group in scores[f"by_{kind}"].items():
+            groups.add_row(
+                name, f"{group['pairs']:,}", _percent(group["accuracy"]), f"{group['exact_measurer']['value']:.2%}"
+            )
+        _console.print(groups)
+    worst = scores["worst_obj_category"]
+    _console.print(f"worst object category: {worst['name']}, {_percent(worst['accuracy'])}\n")
+    _print_lengths(scores)
+
+
+def _print_lengths(scores: dict[str, Any]) -> None:
+    lengths = scores["lengths"]
+    if lengths is None:
+        _console.print("lengths: not provided")
+        return
+    for key, title in (("all_pairs", "all pairs"), ("analysis_pairs", f"{lengths['analysis_pairs']['pairs']} pairs")):
+        found = lengths[key]
+        matrix = _table(f"R2 of predicted against human lengths, {title} (environment / object)", "slot", *lengths["names"])
+        for slot in range(lengths["slots"]):
+            pairs = zip(found["env_r2"][slot], found["obj_r2"][slot], strict=True)
+            matrix.add_row(str(slot), *(f"{e:.3f} / {o:.3f}" for e, o in pairs))
+        _console.print(matrix)
+    found = lengths["all_pairs"]
+    matched = _table(
+        "Matched slots", "length", "slot", "environment R2 [95 %]", "object R2 [95 %]", "slope env / obj", "changes the decision"
+    )
+    for name, m in found["matched"].items():
+        matched.add_row(
+            name,
+            str(m["slot"]),
+            _number(m["env_r2"]),
+            _number(m["obj_r2"]),
+            f"{m['env_slope']:.3f} / {m['obj_slope']:.3f}",
+            _percent(lengths["slot_use"][m["slot"]]),
+        )
+    _console.print(matched)
+    for spare in found["unmatched_slots"]:
+        use = _percent(lengths["slot_use"][spare["slot"]])
+        _console.print(f"slot {spare['slot']} is unmatched, nearest to {spare['best']}; changes the decision in {use}")
+    if found["unmatched_lengths"]:
+        _console.print(f"lengths without a slot: {', '.join(found['unmatched_lengths'])}")
+    for side, slots in lengths["constant_slots"].items():
+        if slots:
+            _console.print(f"{side} constant in slots {slots}: R2 counted as 0")
+    _print_angles(scores["angles"])
+
+
+def _print_angles(angles: dict[str, Any] | None) -> None:
+    if angles is None:
+        _console.print("angles: not provided")
+        return
+    table = _table("Angle to the true direction, degrees", "length", "slot", "mean [95 %]", "median", "chance")
+    for name, a in angles["by_length"].items():
+        table.add_row(
+            name, str(a["slot"]), _number(a["mean_degrees"]), f"{a['median_degrees']:.3f}", f"{angles['chance_degrees']:.1f}"
+        )
+    _console.print(table)
+
+
+def print_description(d: dict[str, Any]) -> None:
+    """Print what `describe` found about one split."""
+    r = d["recipe"]
+    _console.print(
+        f"{d['folder']}: task {r['task']}, split {r['split']}, {r['pairs']:,} pairs in {d['shards']} shards, "
+        f"{d['bytes'] / 1e6:,.0f} MB, data version {r['data_version']}, seed {r['seed']}, engine {r['engine']}, "
+        f"protocol {r['protocol']}, shapes {d['shapes_source']}\ndigest {d['digest']}"
+    )
+    probes = d["probes"]
+    _console.print(
+        f"positive {d['positive_rate']:.2%}; accuracy of majority {probes['majority']:.2%}, of a probe that sees "
+        f"only the object {probes['object_only']:.2%}, only the environment {probes['environment_only']:.2%}"
+    )
+    a = d["audit"]
+    _console.print(
+        f"FCL labelled {a['relabelled']} pairs again and confirmed {a['confirmed']} near witnesses: "
+        f"{a['mismatches']} mismatches"
+    )
+    lengths = _table("Lengths, m (lowest, median, highest)", "length", "environment", "object", "decides")
+    for name, found in d["lengths"].items():
+        lengths.add_row(name, _three(found["environment"]), _three(found["object"]), f"{found['decides']:.1%}")
+    _console.print(lengths)
+    objects = _table("Objects", "category", "shapes", "pairs", "positive")
+    for name, o in d["objects"].items():
+        objects.add_row(name, str(o["shapes"]), f"{o['pairs']:,}", f"{o['positive_rate']:.1%}")
+    _console.print(objects)
+    _console.print("margin / deciding length: " + ", ".join(f"{k}: {v:.1%}" for k, v in d["margins"].items()))
+    _console.print("reasons: " + ", ".join(f"{k} {n:,}" for k, n in d["reasons"].items() if n))
+    for name, reason in d["shapes_refused"].items():
+        _console.print(f"not used: {name}: {reason}")
+    _console.print("made with " + ", ".join(f"{k} {v}" for k, v in d["versions"].items()) + "\n")
+
+
+def _three(values: Sequence[float]) -> str:
+    return " ".join(f"{v:.3f}" for v in values)
+
+
+def print_findings(findings: Sequence[Finding]) -> None:
+    """Print the outcome of `check`, a line a finding."""
+    for finding in findings:
+        mark = {True: "ok  ", False: "FAIL", None: "--  "}[finding.passed]
+        _console.print(f"{mark}  {finding.name}: {finding.seen}")
