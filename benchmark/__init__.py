@@ -39,7 +39,7 @@ __all__ = [
     "__version__",
     "check",
     "evaluate",
-    "generate",  # noqa: F822 - fetched by __getattr__: benchmark/ may not import generators/
+    "generate",
     "load",
     "score",
     "verify",

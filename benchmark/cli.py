@@ -158,7 +158,10 @@ def _summary(folder: Path, manifest: Any) -> dict[str, Any]:
 
 
 @app.command()
-def info(folder: Annotated[Path, typer.Argument(help="A split, a task or an output folder.")], as_json: Json = False) -> None:
+def info(
+    folder: Annotated[Path, typer.Argument(help="A split, a task or an output folder.")],
+    as_json: Json = False,
+) -> None:
     """Say what a data folder holds and how far one side alone gives the label away."""
     from eigenbench.description import describe
     from eigenbench.tables import print_description
@@ -191,7 +194,11 @@ def verify(
         with _progress(as_json) as progress:
             relabelled = {str(f): verify_deep(f, shapes, workers, progress) for f in manifests}
     if as_json:
-        print(json.dumps({str(f): {"digest": m.digest, "relabelled": relabelled.get(str(f))} for f, m in manifests.items()}))
+        print(
+            json.dumps(
+                {str(f): {"digest": m.digest, "relabelled": relabelled.get(str(f))} for f, m in manifests.items()}
+            )
+        )
         return
     for folder, m in manifests.items():
         by_fcl = f", all {relabelled[str(folder)]:,} made and labelled again, 0 differences" if deep else ""
@@ -249,7 +256,11 @@ def score(
         print(json.dumps({"scores": result["scores"], "difference": difference}))
         return
     print_result(result)
-    print(f"differs from {run / 'result.json'} at {difference}" if difference else "equal to the stored result, to the last digit")
+    print(
+        f"differs from {run / 'result.json'} at {difference}"
+        if difference
+        else "equal to the stored result, to the last digit"
+    )
 
 
 @app.command()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ INPUT_FIELDS = tuple(f.name for f in fields_of("inputs"))
 NUMERIC_TARGETS = tuple(
     f.name for f in fields_of("targets") if np.dtype(f.dtype).kind != "S" and f.name not in INPUT_FIELDS
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Dataset:
@@ -93,6 +96,24 @@ class Dataset:
         """Return one field of all pairs, strings included."""
         choose("field", name, [f.name for f in FIELDS])
         return np.concatenate([np.asarray(self._map(s, name)) for s in range(len(self.manifest.shards))])
+
+    def table(self) -> "pd.DataFrame":
+        """Return the targets as a data frame, one row a pair, one column a number or name.
+
+        Lengths get a column per side and name, such as `env_width`; vectors, planes and quaternions are
+        left out.
+        """
+        import pandas as pd
+
+        columns: dict[str, Any] = {}
+        for field in fields_of("targets"):
+            if field.row == ():
+                values = self.column(field.name)
+                columns[field.name] = np.char.decode(values) if values.dtype.kind == "S" else values
+        for side in ("env", "obj"):
+            lengths = self.column(f"{side}_lengths")
+            columns |= {f"{side}_{n}": lengths[:, k] for k, n in enumerate(self.task.lengths)}
+        return pd.DataFrame(columns)
 
     def blocks(self, fields: Iterable[str]) -> Iterator[Arrays]:
         """Yield the named fields shard by shard, in order."""

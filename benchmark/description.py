@@ -1,6 +1,7 @@
 """What a data folder holds, as one JSON-ready record per split."""
 
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,16 @@ def describe(folder: str | Path) -> list[dict[str, Any]]:
 def _describe_split(folder: Path) -> dict[str, Any]:
     dataset = load(folder)
     manifest = dataset.manifest
-    names = ("label", "margin", "env_lengths", "obj_lengths", "decides", "reason", "obj_category", "obj_shape")
+    names = (
+        "label",
+        "margin",
+        "env_lengths",
+        "obj_lengths",
+        "decides",
+        "reason",
+        "obj_category",
+        "obj_shape",
+    )
     t = {name: dataset.column(name) for name in names}
     label = t["label"]
     relative = np.abs(t["margin"]) / t["env_lengths"][np.arange(len(label)), t["decides"]]
@@ -53,7 +63,7 @@ def _describe_split(folder: Path) -> dict[str, Any]:
         "reasons": {name: int(np.sum(t["reason"] == code)) for name, code in REASONS.items()},
         "margins": {
             f"{low:g} to {high:g}": float(np.mean((relative >= low) & (relative < high)))
-            for low, high in zip(MARGIN_BINS, MARGIN_BINS[1:], strict=False)
+            for low, high in pairwise(MARGIN_BINS)
         },
         "objects": {
             c.decode(): {

@@ -87,7 +87,7 @@ def evaluate(
         "batch_size": batch_size,
         "scores": scores,
     }
-    write_run(folder, answers.predictions, {"pair_id": dataset.column("pair_id")}, result)
+    write_run(folder, answers.predictions, dataset.column("pair_id"), result)
     return Evaluated(folder, result)
 
 

@@ -133,9 +133,9 @@ class HostedModel:
         try:
             self._channel.send({"kind": "predict", "arrays": listed}, body, self._options.timeout)
         except ChannelTimeout as error:
-            raise self._silent("predict", self._options.timeout) from error
+            raise self._silent(phase="predict", timeout=self._options.timeout) from error
         except ChannelClosed as error:
-            raise self._ended("predict") from error
+            raise self._ended(phase="predict") from error
         header, payload = self._receive("predict", "answer", self._options.timeout)
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)

@@ -87,9 +87,7 @@ def ratio(numerator: NDArray[np.generic], denominator: NDArray[np.generic]) -> S
     return statistic
 
 
-def estimate(
-    statistics: Mapping[str, Statistic], pairs: int, weights: Iterator[Floats]
-) -> dict[str, Interval]:
+def estimate(statistics: Mapping[str, Statistic], pairs: int, weights: Iterator[Floats]) -> dict[str, Interval]:
     """Return each statistic's value on the pairs as they are, with its percentile interval."""
     plain = np.ones((1, pairs))
     values = {name: float(statistic(plain)[0]) for name, statistic in statistics.items()}

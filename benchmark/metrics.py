@@ -29,7 +29,7 @@ def one_group(slots: int) -> Groups:
 def decide(env_lengths: NDArray[Any], obj_lengths: NDArray[Any], groups: Groups) -> Bools:
     """Return (n,) decisions: some group has env > obj in all its slots (paper, eq. of the task program)."""
     longer = env_lengths > obj_lengths
-    return np.any([longer[:, list(g)].all(axis=1) for g in groups], axis=0)
+    return np.asarray(np.any([longer[:, list(g)].all(axis=1) for g in groups], axis=0))
 
 
 def slack_score(env_lengths: NDArray[Any], obj_lengths: NDArray[Any], groups: Groups) -> Floats:

@@ -114,7 +114,7 @@ class Prediction:
     groups: Groups | None = None
 
     @classmethod
-    def of(cls, answer: "Prediction | Mapping[str, Any]") -> "Prediction":
+    def of(cls, answer: object) -> "Prediction":
         """Take a Prediction or a mapping with its field names; UsageError for another name."""
         if isinstance(answer, Prediction):
             return answer

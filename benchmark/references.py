@@ -34,9 +34,7 @@ def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
 
 def _measure_extents(block: Arrays) -> Measured:
     directions = block["directions"]
-    return Measured(
-        extents_along(block["env_points"], directions), extents_along(block["obj_points"], directions)
-    )
+    return Measured(extents_along(block["env_points"], directions), extents_along(block["obj_points"], directions))
 
 
 MEASURERS: dict[str, Callable[[Arrays], Measured]] = {"tube": _measure_extents}
@@ -47,9 +45,7 @@ def measure(task: TaskSpec, blocks: Iterable[Arrays]) -> Measured:
     """Measure every pair's human lengths on its clouds, along the true directions, block by block."""
     measurer = MEASURERS[choose("task with a measurer", task.name, MEASURERS)]
     parts = [measurer(block) for block in blocks]
-    return Measured(
-        np.concatenate([p.env_lengths for p in parts]), np.concatenate([p.obj_lengths for p in parts])
-    )
+    return Measured(np.concatenate([p.env_lengths for p in parts]), np.concatenate([p.obj_lengths for p in parts]))
 
 
 def measured_decision(measured: Measured, task: TaskSpec) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError
@@ -40,14 +41,14 @@ class Run:
     result: dict[str, Any]
 
 
-def write_run(folder: Path, predictions: Predictions, pair_id: Arrays, result: dict[str, Any]) -> None:
+def write_run(folder: Path, predictions: Predictions, pair_id: NDArray[np.uint64], result: dict[str, Any]) -> None:
     """Write both files, the result last, so that a folder with a result is whole."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / PREDICTIONS
     temporary = temporary_beside(path)
     with temporary.open("wb") as handle:
         groups = np.array(json.dumps(predictions.groups))
-        np.savez(handle, groups=groups, **pair_id, **predictions.arrays)
+        np.savez(handle, allow_pickle=False, **{"groups": groups, "pair_id": pair_id, **predictions.arrays})
     publish(temporary, path)
     write_text_atomically(folder / RESULT, json.dumps(result, indent=1) + "\n")
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,13 @@ from eigenbench.intervals import (
     ratio,
 )
 from eigenbench.records import Arrays, Groups
-from eigenbench.references import Measured, calibrated_decision, measure, measured_decision, one_sided_decision
+from eigenbench.references import (
+    Measured,
+    calibrated_decision,
+    measure,
+    measured_decision,
+    one_sided_decision,
+)
 from eigenbench.results import Predictions, read_run
 from eigenbench.shard_format import MARGIN_BINS, fields_of
 from eigenbench.tasks import TaskSpec
@@ -139,7 +146,9 @@ def _accuracy(
     return _nested(found, per_group)
 
 
-def _score_statistics(predictions: Predictions, groups: Groups | None, label: NDArray[np.bool_]) -> dict[str, Statistic]:
+def _score_statistics(
+    predictions: Predictions, groups: Groups | None, label: NDArray[np.bool_]
+) -> dict[str, Statistic]:
     """Return AUROC, and calibration where there is a probability."""
     arrays = predictions.arrays
     probability = arrays.get("probability")
@@ -165,7 +174,7 @@ def _groups_of_pairs(truth: Truth) -> dict[str, NDArray[np.bool_]]:
             masks[f"{side}/{category.decode()}"] = t[side] == category
     deciding = t["env_lengths"][np.arange(len(t["label"])), t["decides"]]
     relative = np.abs(t["margin"]) / deciding
-    for low, high in zip(MARGIN_BINS, MARGIN_BINS[1:], strict=False):
+    for low, high in pairwise(MARGIN_BINS):
         name = f"over {low:.0%}" if np.isinf(high) else f"{low:.0%} to {high:.0%}"
         masks[f"margin/{name}"] = (relative >= low) & (relative < high)
     return {k: mask for k, mask in masks.items() if mask.any()}
@@ -184,9 +193,7 @@ def _nested(found: dict[str, dict[str, Any]], per_group: dict[str, Scores]) -> S
     body: Scores = {k: v for k, v in found.items() if "/" not in k}
     body["references"] = {k.partition("/")[2]: v for k, v in found.items() if k.startswith("references/")}
     for kind in ("obj_category", "env_category", "margin"):
-        body[f"by_{kind}"] = {
-            k.partition("/")[2]: v for k, v in per_group.items() if k.startswith(f"{kind}/")
-        }
+        body[f"by_{kind}"] = {k.partition("/")[2]: v for k, v in per_group.items() if k.startswith(f"{kind}/")}
     worst = min(body["by_obj_category"], key=lambda c: body["by_obj_category"][c]["accuracy"]["value"])
     body["worst_obj_category"] = {"name": worst, **body["by_obj_category"][worst]}
     return body
@@ -229,9 +236,7 @@ def _constant_slots(env: NDArray[Any], obj: NDArray[Any]) -> dict[str, list[int]
     }
 
 
-def _correlation(
-    env: NDArray[Any], obj: NDArray[Any], t: Arrays, task: TaskSpec, weights: list[Floats]
-) -> Scores:
+def _correlation(env: NDArray[Any], obj: NDArray[Any], t: Arrays, task: TaskSpec, weights: list[Floats]) -> Scores:
     """Return both R2 matrices, the matched pairs with intervals, and the slots left over."""
     plain = np.ones((1, len(env)))
     r2_env = metrics.r2_matrix(env, t["env_lengths"], plain)[0]
@@ -258,9 +263,7 @@ def _correlation(
         "matched": matched,
         "match_stability": float(stable),
         "unmatched_lengths": [n for k, n in enumerate(task.lengths) if k not in match],
-        "unmatched_slots": [
-            {"slot": s, "best": task.lengths[int(np.argmax(r2_env[s] + r2_obj[s]))]} for s in spare
-        ],
+        "unmatched_slots": [{"slot": s, "best": task.lengths[int(np.argmax(r2_env[s] + r2_obj[s]))]} for s in spare],
     }
 
 

@@ -56,7 +56,10 @@ def print_result(result: dict[str, Any]) -> None:
         groups = _table(title, "group", "pairs", "accuracy [95 % interval]", "exact measurer")
         for name, group in scores[f"by_{kind}"].items():
             groups.add_row(
-                name, f"{group['pairs']:,}", _percent(group["accuracy"]), f"{group['exact_measurer']['value']:.2%}"
+                name,
+                f"{group['pairs']:,}",
+                _percent(group["accuracy"]),
+                f"{group['exact_measurer']['value']:.2%}",
             )
         _console.print(groups)
     worst = scores["worst_obj_category"]
@@ -69,30 +72,27 @@ def _print_lengths(scores: dict[str, Any]) -> None:
     if lengths is None:
         _console.print("lengths: not provided")
         return
-    for key, title in (("all_pairs", "all pairs"), ("analysis_pairs", f"{lengths['analysis_pairs']['pairs']} pairs")):
+    for key, title in (
+        ("all_pairs", "all pairs"),
+        ("analysis_pairs", f"{lengths['analysis_pairs']['pairs']} pairs"),
+    ):
         found = lengths[key]
-        matrix = _table(f"R2 of predicted against human lengths, {title} (environment / object)", "slot", *lengths["names"])
+        matrix = _table(f"R2 with the human lengths, {title} (environment / object)", "slot", *lengths["names"])
         for slot in range(lengths["slots"]):
             pairs = zip(found["env_r2"][slot], found["obj_r2"][slot], strict=True)
             matrix.add_row(str(slot), *(f"{e:.3f} / {o:.3f}" for e, o in pairs))
         _console.print(matrix)
     found = lengths["all_pairs"]
-    matched = _table(
-        "Matched slots", "length", "slot", "environment R2 [95 %]", "object R2 [95 %]", "slope env / obj", "changes the decision"
-    )
+    matched = _table("Matched slots", "length", "slot", "side", "R2 [95 % interval]", "slope")
     for name, m in found["matched"].items():
-        matched.add_row(
-            name,
-            str(m["slot"]),
-            _number(m["env_r2"]),
-            _number(m["obj_r2"]),
-            f"{m['env_slope']:.3f} / {m['obj_slope']:.3f}",
-            _percent(lengths["slot_use"][m["slot"]]),
-        )
+        matched.add_row(name, str(m["slot"]), "environment", _number(m["env_r2"]), f"{m['env_slope']:.3f}")
+        matched.add_row("", "", "object", _number(m["obj_r2"]), f"{m['obj_slope']:.3f}")
     _console.print(matched)
+    _console.print(f"the same matching in {found['match_stability']:.1%} of the bootstrap replicates")
+    for slot, use in enumerate(lengths["slot_use"]):
+        _console.print(f"slot {slot} changes the decision in {_percent(use)}")
     for spare in found["unmatched_slots"]:
-        use = _percent(lengths["slot_use"][spare["slot"]])
-        _console.print(f"slot {spare['slot']} is unmatched, nearest to {spare['best']}; changes the decision in {use}")
+        _console.print(f"slot {spare['slot']} is unmatched, nearest to {spare['best']}")
     if found["unmatched_lengths"]:
         _console.print(f"lengths without a slot: {', '.join(found['unmatched_lengths'])}")
     for side, slots in lengths["constant_slots"].items():
@@ -108,7 +108,11 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
     table = _table("Angle to the true direction, degrees", "length", "slot", "mean [95 %]", "median", "chance")
     for name, a in angles["by_length"].items():
         table.add_row(
-            name, str(a["slot"]), _number(a["mean_degrees"]), f"{a['median_degrees']:.3f}", f"{angles['chance_degrees']:.1f}"
+            name,
+            str(a["slot"]),
+            _number(a["mean_degrees"]),
+            f"{a['median_degrees']:.3f}",
+            f"{angles['chance_degrees']:.1f}",
         )
     _console.print(table)
 

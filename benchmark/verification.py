@@ -104,18 +104,22 @@ def faults(file: str, arrays: Arrays, inputs: Arrays, manifest: Manifest) -> Ite
     """Yield every rule of one shard file with the rows that break it; `inputs` are the pair's own."""
     for field in fields_of(file):
         if field.bits is not None:
-            yield field.name, _any(_off_grid(arrays[field.name], field.bits)), f"is not on the 2^-{field.bits} grid"
+            yield (
+                field.name,
+                _any(_off_grid(arrays[field.name], field.bits)),
+                f"is not on the 2^-{field.bits} grid",
+            )
     if file == "targets":
         yield from _target_faults(arrays, inputs, manifest)
 
 
 def _off_grid(values: NDArray[Any], bits: int) -> Bools:
     wide = values.astype(np.float64)
-    return np.asarray((round_to(wide, bits) != wide) & ~np.isnan(wide)) | np.isinf(wide)
+    return np.asarray(((round_to(wide, bits) != wide) & ~np.isnan(wide)) | np.isinf(wide))
 
 
 def _any(bad: Bools) -> Bools:
-    return bad.reshape(len(bad), -1).any(axis=1)
+    return np.asarray(bad.reshape(len(bad), -1).any(axis=1))
 
 
 def _target_faults(t: Arrays, inputs: Arrays, manifest: Manifest) -> Iterator[Fault]:
@@ -128,9 +132,9 @@ def _target_faults(t: Arrays, inputs: Arrays, manifest: Manifest) -> Iterator[Fa
         yield name, _any(~np.isfinite(inputs[name])), "is not finite"
     for name in ("env_lengths", "obj_lengths", "obj_scale", "env_scale"):
         yield name, _any(~(t[name] > 0)), "is not above 0"
-    yield "binding", ~t["binding"].any(axis=1), "binds no length"
+    yield "binding", ~_any(t["binding"]), "binds no length"
     if manifest.recipe.protocol == "exact":
-        yield "label", label != (margin > 0), "contradicts the sign of the margin"
+        yield "label", np.not_equal(label, margin > 0), "contradicts the sign of the margin"
     yield "label", label & ~(margin > 0), "is positive with a margin that is not"
     yield "decides", t["decides"] != np.argmin(slack, axis=1), "is not the length with the smallest slack"
     yield "margin", margin != slack[rows, t["decides"]], "is not the slack of the deciding length"
@@ -138,14 +142,26 @@ def _target_faults(t: Arrays, inputs: Arrays, manifest: Manifest) -> Iterator[Fa
     yield "margin", np.abs(margin) < MIN_MARGIN * sides - 2 * _CLOUD_GRAIN, "is too near the boundary"
     yield "reason", label != (t["reason"] == REASONS["fits"]), "contradicts the label"
     lacking = (t["reason"] > 0) & (t["reason"] < REASONS["no_candidate"])
-    yield "reason", lacking & (t["reason"] != REASONS["length_0"] + t["decides"]), "names another length than decides"
+    yield (
+        "reason",
+        lacking & (t["reason"] != REASONS["length_0"] + t["decides"]),
+        "names another length than decides",
+    )
     yield "reason", ~np.isin(t["reason"], list(REASONS.values())), "is not in the vocabulary"
-    yield "witness", label != np.isfinite(t["witness"]).all(axis=1), "is given where it should not be, or not given"
+    yield (
+        "witness",
+        label != np.isfinite(t["witness"]).all(axis=1),
+        "is given where it should not be, or not given",
+    )
     for name in ("env_rotation", "obj_rotation"):
-        yield name, np.abs(np.linalg.norm(t[name], axis=1) - 1) > 1e-6, "is not a unit quaternion"
-    yield "directions", np.abs(np.linalg.norm(t["directions"], axis=2) - 1).max(axis=1) > 1e-6, "is not of unit length"
+        yield name, _any(~(np.abs(np.linalg.norm(t[name], axis=1, keepdims=True) - 1) <= 1e-6)), "is not a unit quaternion"
+    yield (
+        "directions",
+        _any(np.abs(np.linalg.norm(t["directions"], axis=2) - 1) > 1e-6),
+        "is not of unit length",
+    )
     gap = t["planes"][..., 1] - t["planes"][..., 0]
-    yield "planes", np.abs(gap - t["env_lengths"]).max(axis=1) > 2 * _GRAIN, "are not env_lengths apart"
+    yield "planes", _any(~(np.abs(gap - t["env_lengths"]) <= 2 * _GRAIN)), "are not env_lengths apart"
     yield from _cloud_faults(t, inputs)
 
 
@@ -154,13 +170,11 @@ def _cloud_faults(t: Arrays, inputs: Arrays) -> Iterator[Fault]:
     grain = 2 * _CLOUD_GRAIN
     env_extent = extents_along(inputs["env_points"], t["directions"])
     obj_extent = extents_along(inputs["obj_points"], t["directions"])
-    yield "env_points", (env_extent > t["env_lengths"] + grain).any(axis=1), "reaches beyond env_lengths"
-    yield "obj_points", (obj_extent > t["obj_lengths"] + grain).any(axis=1), "reaches beyond obj_lengths"
+    yield "env_points", _any(env_extent > t["env_lengths"] + grain), "reaches beyond env_lengths"
+    yield "obj_points", _any(obj_extent > t["obj_lengths"] + grain), "reaches beyond obj_lengths"
     reach = np.abs(inputs["obj_points"]).max(axis=(1, 2))
     yield "obj_points", reach > t["obj_scale"] / 2 + grain, "reaches beyond the object's enclosing ball"
-    placed = np.matmul(
-        np.nan_to_num(inputs["obj_points"] + t["witness"][:, None]), t["directions"].transpose(0, 2, 1)
-    )
+    placed = np.matmul(np.nan_to_num(inputs["obj_points"] + t["witness"][:, None]), t["directions"].transpose(0, 2, 1))
     low, high = placed.min(axis=1), placed.max(axis=1)
     outside = (low < t["planes"][..., 0] - grain) | (high > t["planes"][..., 1] + grain)
     yield "witness", t["label"] & outside.any(axis=1), "puts the object's cloud through a wall"

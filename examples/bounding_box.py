@@ -12,7 +12,7 @@ class Model:
     """One slot per axis: how far the environment's cloud reaches, how far the object's does."""
 
     def predict(self, env, obj):
-        """env (B, 1024, 3), obj (B, 1024, 3) -> lengths (B, 2) and the directions they were measured along."""
+        """Env (B, 1024, 3), obj (B, 1024, 3) -> lengths (B, 2) and the directions they were measured along."""
         vectors = np.zeros((len(env), len(AXES), 3), dtype=np.float32)
         for slot, axis in enumerate(AXES):
             vectors[:, slot, axis] = 1.0

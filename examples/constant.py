@@ -12,7 +12,7 @@ class Model:
     """The share of positives among the training pairs, for every pair."""
 
     def predict(self, env, obj):
-        """env (B, 1024, 3), obj (B, 1024, 3) -> probability (B,)."""
+        """Env (B, 1024, 3), obj (B, 1024, 3) -> probability (B,)."""
         return {"probability": np.full(len(env), POSITIVE_SHARE)}
 
 

@@ -18,7 +18,7 @@ WEIGHTS = Path(__file__).with_suffix(".json")
 
 
 def features(obj):
-    """obj (B, 1024, 3) -> (B, 10): logarithms of the extents in y and z, ordered, and their products."""
+    """Obj (B, 1024, 3) -> (B, 10): logarithms of the extents in y and z, ordered, and their products."""
     extents = np.sort(np.log(np.ptp(obj.astype(np.float64), axis=1)[:, 1:]), axis=1)
     small, large = extents.T
     powers = [small**i * large**j for i in range(4) for j in range(4 - i)]
@@ -37,7 +37,7 @@ class Model:
         self.weights = np.array(weights)
 
     def predict(self, env, obj):
-        """env (B, 1024, 3), obj (B, 1024, 3) -> probability (B,); env is not looked at."""
+        """Env (B, 1024, 3), obj (B, 1024, 3) -> probability (B,); env is not looked at."""
         return {"probability": probability(features(obj), self.weights)}
 
 

@@ -110,8 +110,7 @@ def generate(
         _check_folder(folder, recipe)
         plans.append((folder, recipe, library))
     return {
-        folder: _generate_split(folder, recipe, library, shapes, workers, progress)
-        for folder, recipe, library in plans
+        folder: _generate_split(folder, recipe, library, shapes, workers, progress) for folder, recipe, library in plans
     }
 
 
@@ -144,10 +143,7 @@ def _generate_split(
         return read_manifest(folder)
     _make_folder(folder)
     remove_leftovers(folder)
-    jobs = [
-        ShardJob(recipe, library.path, folder, index, size)
-        for index, size in enumerate(shard_sizes(recipe.pairs))
-    ]
+    jobs = [ShardJob(recipe, library.path, folder, index, size) for index, size in enumerate(shard_sizes(recipe.pairs))]
     done: dict[int, ShardDone] = {}
     finished = 0
     warm_up(jobs[0])
@@ -204,7 +200,9 @@ def make_shard(job: ShardJob) -> ShardDone:
     inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
     counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
     if troubles:
-        msg = f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
+        msg = (
+            f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
+        )
         raise GenerationError(msg, detail="\n".join(troubles))
     inputs_digest = write_shard(job.path("inputs"), "inputs", inputs, {})
     about = {
@@ -238,9 +236,7 @@ def _finished(job: ShardJob) -> ShardDone | None:
     return ShardDone(job.index, entry, Audit(**about["audit"]))
 
 
-def build_rows(
-    recipe: Recipe, library: Library, first: int, count: int
-) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
+def build_rows(recipe: Recipe, library: Library, first: int, count: int) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
     """Return (inputs, targets, shape index of each row) of the pairs first to first + count - 1."""
     inputs, targets, shapes = _fill(recipe, library, first, count)
     targets["pair_id"][:] = inputs["pair_id"]
@@ -256,9 +252,7 @@ def build_rows(
     return inputs, targets, shapes
 
 
-def _fill(
-    recipe: Recipe, library: Library, first: int, count: int
-) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
+def _fill(recipe: Recipe, library: Library, first: int, count: int) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
     task = find_task(recipe.task)
     inputs, targets = zero_rows("inputs", count, task), zero_rows("targets", count, task)
     shapes = np.zeros(count, dtype=np.int64)
@@ -274,9 +268,7 @@ def _fill(
     return inputs, targets, shapes
 
 
-def _label_by_fcl(
-    recipe: Recipe, library: Library, shapes: NDArray[np.int64], first: int, targets: Arrays
-) -> None:
+def _label_by_fcl(recipe: Recipe, library: Library, shapes: NDArray[np.int64], first: int, targets: Arrays) -> None:
     """Replace labels, witnesses and reasons by those of the FCL sweep."""
     for row, shape in enumerate(shapes):
         found = relabelling.relabel(recipe, library, int(shape), first + row, targets, row)

@@ -176,7 +176,11 @@ def _short(shape: Shape) -> bytes:
     name = f"{shape.category}/{shape.name}".encode()
     if len(name) <= _NAME_BYTES:
         return name
-    return name[: _NAME_BYTES - 17].decode(errors="ignore").encode() + b"~" + hashlib.sha256(name).hexdigest()[:16].encode()
+    return (
+        name[: _NAME_BYTES - 17].decode(errors="ignore").encode()
+        + b"~"
+        + hashlib.sha256(name).hexdigest()[:16].encode()
+    )
 
 
 def _starts(counts: list[int]) -> NDArray[np.int64]:

@@ -92,7 +92,7 @@ def _climb(polygon: Points, centre: Points, radius: float, step: float) -> tuple
         away = nearest[near] / distance[near, None]
         rule = np.column_stack([np.ones(len(away)), -away])
         box = [(None, None), (-step, step), (-step, step)]
-        moved = centre + linprog([-1, 0, 0], rule, distance[near], bounds=box).x[1:]
+        moved = centre + np.asarray(linprog([-1, 0, 0], rule, distance[near], bounds=box).x)[1:]
         deeper = float(_depth(moved[None], polygon)[0])
         if deeper > radius:
             centre, radius = moved, deeper
@@ -108,7 +108,7 @@ def _nearest_on_edges(points: Points, polygon: Points) -> Points:
     start, edge = polygon, np.roll(polygon, -1, axis=0) - polygon
     to_point = points[:, None] - start
     along = np.sum(to_point * edge, axis=2) / np.sum(edge * edge, axis=1)
-    return to_point - np.clip(along, 0, 1)[..., None] * edge
+    return np.asarray(to_point - np.clip(along, 0, 1)[..., None] * edge)
 
 
 def _depth(points: Points, polygon: Points) -> Points:
@@ -121,4 +121,4 @@ def _depth(points: Points, polygon: Points) -> Points:
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start[:, 0] + (points[:, 1:] - start[:, 1]) * edge[:, 0] / edge[:, 1]
     inside = np.sum(straddles & (points[:, :1] < crossing), axis=1) % 2 == 1
-    return np.where(inside, distance, -distance)
+    return np.asarray(np.where(inside, distance, -distance))

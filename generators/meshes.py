@@ -103,7 +103,10 @@ def read_mesh(path: Path) -> Mesh:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
         loaded = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
-        vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
+        vertices, faces = (
+            np.asarray(loaded.vertices, dtype=np.float64),
+            np.asarray(loaded.faces, dtype=np.int64),
+        )
     except Exception as error:
         # Loaders of a dozen formats raise anything; a damaged file must be named, not end the run.
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -12,6 +12,11 @@ import numpy as np
 from eigenbench.generators.compiled import kernel
 from eigenbench.records import Recipe
 
+Key = tuple[int, int]
+Number = int | np.uint64
+Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+Quaternion = tuple[float, float, float, float]
+
 PAIR_ID, DRAW, CANDIDATE, ENV_SURFACE, OBJ_SURFACE, AUDIT = range(6)
 """Streams of one pair; a stream that is not read does not shift the others."""
 
@@ -23,7 +28,7 @@ _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
 @lru_cache(maxsize=16)
-def key_of(recipe: Recipe) -> tuple[int, int]:
+def key_of(recipe: Recipe) -> Key:
     """Return the key of a split's streams: 64 bits from (data version, task, split, seed)."""
     text = f"eigenbench/{recipe.data_version}/{recipe.task}/{recipe.split}/{recipe.seed}"
     words = np.random.SeedSequence(list(text.encode())).generate_state(2, np.uint32)
@@ -31,7 +36,7 @@ def key_of(recipe: Recipe) -> tuple[int, int]:
 
 
 @kernel
-def block(key0, key1, c0, c1, c2, c3):  # type: ignore[no-untyped-def]
+def block(key0: Number, key1: Number, c0: Number, c1: Number, c2: Number, c3: Number) -> Words:
     """Return the four 32-bit words, as uint64, of one counter under one key."""
     k0, k1 = np.uint64(key0), np.uint64(key1)
     x0, x1, x2, x3 = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
@@ -45,14 +50,14 @@ def block(key0, key1, c0, c1, c2, c3):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def words(key, pair, stream, index):  # type: ignore[no-untyped-def]
+def words(key: Key, pair: int, stream: int, index: int) -> Words:
     """Return the four 32-bit words at `index` of one stream of one pair."""
     number = np.uint64(pair)
     return block(key[0], key[1], index, stream, number & _MASK, number >> _32)
 
 
 @kernel
-def uniform(key, pair, stream, index):  # type: ignore[no-untyped-def]
+def uniform(key: Key, pair: int, stream: int, index: int) -> float:
     """Return a float64 in [0, 1) with 53 random bits."""
     a, b, _c, _d = words(key, pair, stream, index)
     high = (a >> np.uint64(5)) * np.uint64(67108864) + (b >> np.uint64(6))
@@ -60,7 +65,7 @@ def uniform(key, pair, stream, index):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def exponential(x):  # type: ignore[no-untyped-def]
+def exponential(x: float) -> float:
     """Return e^x for |x| < 700 by its series: the same bits on every processor, unlike libm's."""
     k = np.floor(x * 1.4426950408889634 + 0.5)
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW
@@ -71,7 +76,7 @@ def exponential(x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def unit_quaternion(key, pair, stream, start):  # type: ignore[no-untyped-def]
+def unit_quaternion(key: Key, pair: int, stream: int, start: int) -> tuple[Quaternion, int]:
     """Return a rotation uniform over SO(3) as (w, x, y, z), and the next free index.
 
     Marsaglia, "Choosing a point from the surface of a sphere", Ann. Math. Stat. 1972: two points in

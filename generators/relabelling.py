@@ -101,7 +101,7 @@ def audit(
         again = relabel(recipe, library, int(shapes[row]), first + row, targets, row)
         if said := disagreement(recipe, targets, row, again):
             troubles.append(f"pair {first + row}: {said}")
-    confirmed = np.flatnonzero(near_boundary(targets))
+    confirmed = np.flatnonzero(near_boundary(targets)).tolist()
     for row in confirmed:
         if not passage_of(library, int(shapes[row]), targets, row).is_free(targets["witness"][row]):
             troubles.append(f"pair {first + row}: FCL finds its witness {targets['witness'][row]} not free")

@@ -197,7 +197,9 @@ def make_mug(rng: Generator) -> Shape:
     low, high = height * rng.uniform(0.12, 0.3), height * rng.uniform(0.7, 0.9)
     thick = rng.uniform(0.0035, 0.006)
     reach = rng.uniform(0.5, 0.85) * (high - low) + 2 * thick
-    path = _handle_path(rng, float(np.interp(low, height * t, r)), float(np.interp(high, height * t, r)), low, high, reach)
+    path = _handle_path(
+        rng, float(np.interp(low, height * t, r)), float(np.interp(high, height * t, r)), low, high, reach
+    )
     section = ellipse_section(16, rng.uniform(1.0, 2.0)) * thick
     inside = np.concatenate([[[0.0, body.inner[0, 1]]], body.inner, [[0.0, body.inner[-1, 1]]]])
     inside[-2:, 1] += 1e-3
@@ -213,9 +215,7 @@ def make_mug(rng: Generator) -> Shape:
     return Shape("mug", "mug", mesh, lengths)
 
 
-def _handle_path(
-    rng: Generator, foot: float, head: float, low: float, high: float, reach: float
-) -> Points:
+def _handle_path(rng: Generator, foot: float, head: float, low: float, high: float, reach: float) -> Points:
     """Return the (m, 3) centre line of a handle in the xz plane, both ends inside the wall."""
     kind = str(rng.choice(["d", "ear", "square"]))
     power = {"d": 2.0, "ear": 2.0, "square": 5.0}[kind]

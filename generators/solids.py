@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from manifold3d import Manifold
-from manifold3d import Mesh64
+from manifold3d import Manifold, Mesh64
 from numpy.typing import NDArray
 
 from eigenbench.errors import ShapeError

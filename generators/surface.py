@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.philox import OBJ_SURFACE, words
+from eigenbench.generators.philox import OBJ_SURFACE, Key, Quaternion, words
 from eigenbench.shard_format import CLOUD_BITS, DIRECTION_BITS
+
+Floats = NDArray[np.float64]
 
 _CLOUD = 2.0**CLOUD_BITS
 _DIRECTION = 2.0**DIRECTION_BITS
@@ -41,7 +43,7 @@ class Surface(NamedTuple):
 
 
 @kernel
-def alias_table(triangles):  # type: ignore[no-untyped-def]
+def alias_table(triangles: Floats) -> tuple[NDArray[np.uint64], NDArray[np.int64], float]:
     """Return (keep, other, area) of faces drawn in proportion to their area.
 
     Vose, "A linear algorithm for generating random numbers with a given distribution", 1991.
@@ -84,7 +86,7 @@ def alias_table(triangles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def rounded_quaternion(q):  # type: ignore[no-untyped-def]
+def rounded_quaternion(q: Quaternion) -> Quaternion:
     """Return the quaternion as it is stored, on its grid."""
     return (
         np.rint(q[0] * _DIRECTION) / _DIRECTION,
@@ -95,7 +97,7 @@ def rounded_quaternion(q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def matrix_of(q):  # type: ignore[no-untyped-def]
+def matrix_of(q: Quaternion) -> Floats:
     """Return the (3, 3) world_from_object rotation of a quaternion (w, x, y, z) of any length."""
     w, x, y, z = q
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -107,7 +109,7 @@ def matrix_of(q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def bounds(points, first, last, m):  # type: ignore[no-untyped-def]
+def bounds(points: Floats, first: int, last: int, m: Floats) -> Floats:
     """Return the (2, 3) lowest and highest coordinates of points[first:last] turned by `m`."""
     box = np.zeros((2, 3))
     for axis in range(3):
@@ -122,7 +124,16 @@ def bounds(points, first, last, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sample_object(surface, shape, key, pair, m, scale, centre, out):  # type: ignore[no-untyped-def]
+def sample_object(
+    surface: Surface,
+    shape: int,
+    key: Key,
+    pair: int,
+    m: Floats,
+    scale: float,
+    centre: Floats,
+    out: NDArray[np.float32],
+) -> None:
     """Fill `out` (n, 3) with points drawn evenly from a posed shape: scale * m @ point - centre.
 
     One counter block a point: a face by the alias table, then the square-root rule in the triangle

@@ -4,7 +4,10 @@ A pose that passes keeps its yz position on the way, so it passes exactly where 
 silhouette lies strictly inside the rectangle: width and height against the extents in y and z.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.philox import (
@@ -12,12 +15,14 @@ from eigenbench.generators.philox import (
     DRAW,
     ENV_SURFACE,
     PAIR_ID,
+    Key,
+    Quaternion,
     exponential,
     uniform,
     unit_quaternion,
     words,
 )
-from eigenbench.generators.surface import bounds, matrix_of, rounded_quaternion, sample_object
+from eigenbench.generators.surface import Floats, Surface, bounds, matrix_of, rounded_quaternion, sample_object
 from eigenbench.shard_format import CANDIDATES, CLOUD_BITS, LENGTH_BITS, MIN_MARGIN, REASONS
 
 SECTION_RANGE = (0.15, 0.9)
@@ -53,7 +58,7 @@ _TO_UNIT = 1.0 / 4294967296.0
 
 
 @kernel
-def draw(key, pair, surface):  # type: ignore[no-untyped-def]
+def draw(key: Key, pair: int, surface: Surface) -> tuple[int, Quaternion, float, Floats, Floats]:
     """Return (shape, quaternion, size, box, tube) of a pair.
 
     `size` is the object's enclosing-ball diameter, `box` (2, 3) the bounds of the turned shape at
@@ -77,9 +82,7 @@ def draw(key, pair, surface):  # type: ignore[no-untyped-def]
         ratio = exponential((2.0 * uniform(key, pair, DRAW, start + 5) - 1.0) * _LOG_RATIO)
         turned, _index = unit_quaternion(key, pair, DRAW, start + 6)
         quaternion = rounded_quaternion(turned)
-        box = bounds(
-            surface.hull, surface.hull_start[shape], surface.hull_start[shape + 1], matrix_of(quaternion)
-        )
+        box = bounds(surface.hull, surface.hull_start[shape], surface.hull_start[shape + 1], matrix_of(quaternion))
         tightest = max((box[1, 1] - box[0, 1]) / tube[1], (box[1, 2] - box[0, 2]) / tube[2])
         size = np.rint(ratio / tightest * _LENGTH) / _LENGTH
         slack = min(tube[1] - size * (box[1, 1] - box[0, 1]), tube[2] - size * (box[1, 2] - box[0, 2]))
@@ -89,7 +92,7 @@ def draw(key, pair, surface):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def candidate(key, pair, index, width, height):  # type: ignore[no-untyped-def]
+def candidate(key: Key, pair: int, index: int, width: float, height: float) -> tuple[float, float]:
     """Return the y and z of sampled placement `index`: uniform over the tube's section, on the grid."""
     a, b, _c, _d = words(key, pair, CANDIDATE, index)
     y = ((np.float64(a) + 0.5) * _TO_UNIT - 0.5) * width
@@ -98,7 +101,9 @@ def candidate(key, pair, index, width, height):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def first_free(key, pair, width, height, extent_y, extent_z, guided):  # type: ignore[no-untyped-def]
+def first_free(
+    key: Key, pair: int, width: float, height: float, extent_y: float, extent_z: float, guided: bool
+) -> tuple[int, float, float]:
     """Return (index, y, z) of the first candidate whose silhouette lies strictly inside; index -1: none.
 
     Candidate 0 is the guided one, the tube's axis; 1 to CANDIDATES are sampled.
@@ -116,7 +121,7 @@ def first_free(key, pair, width, height, extent_y, extent_z, guided):  # type: i
 
 
 @kernel
-def sample_tube(key, pair, tube, out):  # type: ignore[no-untyped-def]
+def sample_tube(key: Key, pair: int, tube: Floats, out: NDArray[np.float32]) -> None:
     """Fill `out` (n, 3) with points drawn evenly from the four walls, which have no thickness."""
     length, width, height = tube[0], tube[1], tube[2]
     side = height / (width + height)
@@ -135,7 +140,15 @@ def sample_tube(key, pair, tube, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill(key, first, surface, guided, inputs, targets, obj_index):  # type: ignore[no-untyped-def]
+def fill(
+    key: Key,
+    first: int,
+    surface: Surface,
+    guided: bool,
+    inputs: tuple[NDArray[Any], ...],
+    targets: tuple[NDArray[Any], ...],
+    obj_index: NDArray[np.int64],
+) -> None:
     """Draw, label and sample the pairs first, first + 1, ... into the rows of one shard's arrays.
 
     `inputs` is (pair_id, env_points, obj_points), `targets` the zero-filled fields of TARGETS,
@@ -165,7 +178,13 @@ def fill(key, first, surface, guided, inputs, targets, obj_index):  # type: igno
         decides[row] = 0 if slack_0 <= slack_1 else 1
         margin[row] = min(slack_0, slack_1)
         index, y, z = first_free(
-            key, pair, tube[1], tube[2], size * (box[1, 1] - box[0, 1]), size * (box[1, 2] - box[0, 2]), guided
+            key,
+            pair,
+            tube[1],
+            tube[2],
+            size * (box[1, 1] - box[0, 1]),
+            size * (box[1, 2] - box[0, 2]),
+            guided,
         )
         label[row] = index >= 0
         witness[row, 0] = 0.0 if index >= 0 else np.nan

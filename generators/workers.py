@@ -54,9 +54,7 @@ def run_jobs(function: Callable[[Job], Done], jobs: Sequence[Job], workers: int)
         _stop(executor, futures, before)
 
 
-def _stop(
-    executor: Executor, futures: list[Future[Done]], before: set[multiprocessing.process.BaseProcess]
-) -> None:
+def _stop(executor: Executor, futures: list[Future[Done]], before: set[multiprocessing.process.BaseProcess]) -> None:
     """End the workers: at once if work is left, for then its result is not wanted."""
     for future in futures:
         future.cancel()

@@ -1,0 +1,51 @@
+# Everything runs in .venv, made here from constraints.txt. Needs Python 3.11+, make and git.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+DEMO := out/demo
+
+.PHONY: help demo test check bench clean
+
+help: ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+$(VENV)/python: constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "eigenbench needs Python 3.11 or newer, $(PYTHON) is %d.%d; pass PYTHON=..." % sys.version_info[:2])'
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/core: $(VENV)/python setup.cfg pyproject.toml
+	$(PIP) -e .
+	touch $@
+
+$(VENV)/dev: $(VENV)/core
+	$(PIP) torch
+	$(PIP) -e '.[dev]'
+	touch $@
+
+demo: $(VENV)/core ## generate a small data set, look at it, verify it, score the three examples
+	rm -rf $(DEMO)
+	$(BIN)/eigenbench generate --task tube --pairs 2000 --out $(DEMO)
+	$(BIN)/eigenbench info $(DEMO)/tube/test
+	$(BIN)/eigenbench verify $(DEMO)
+	for model in constant object_only bounding_box; do \
+		$(BIN)/eigenbench evaluate examples/$$model.py --data $(DEMO)/tube/test --out $(DEMO)/runs/$$model || exit; \
+	done
+
+test: $(VENV)/dev ## run all tests
+	$(BIN)/python -m pytest -q
+
+check: $(VENV)/dev ## format, lint, types, layout
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	rm -rf .typecheck
+	$(BIN)/python -m pip --disable-pip-version-check install --quiet --no-deps --no-build-isolation --target .typecheck .
+	MYPYPATH=.typecheck $(BIN)/mypy -p eigenbench
+	$(BIN)/python -m pytest -q tests/test_layout.py
+
+bench: $(VENV)/core ## pairs per second against a plain python-fcl loop, in one run
+	$(BIN)/python tests/bench_tube.py
+
+clean: ## remove what the targets above made
+	rm -rf $(VENV) .typecheck build out/demo *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
