@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,12 +203,11 @@ def _store(
     arrays = {**surface._asdict(), "names": names, "categories": categories}
     digest = _digest(arrays)
     path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
-    if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = temporary_beside(path)
-        with temporary.open("wb") as handle:
-            np.savez(handle, refused=np.array(json.dumps(refused)), **arrays)
-        publish(temporary, path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_beside(path)
+    with temporary.open("wb") as handle:
+        np.savez(handle, refused=np.array(json.dumps(refused)), **arrays)
+    publish(temporary, path)
     return Library(surface, names, categories, refused, digest, path)
 
 
@@ -217,7 +217,7 @@ def open_library(path: Path) -> Library:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories")}
             refused = json.loads(str(stored["refused"]))
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
         msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
         raise DataError(msg) from error
     digest = _digest(arrays)

@@ -1,0 +1,42 @@
+"""Shared fixtures: one small data set, one folder of meshes, and where the real meshes lie."""
+
+import os
+from pathlib import Path
+
+import pytest
+from material import box_mesh, write_obj
+
+from eigenbench.generators.generation import generate
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory) -> Path:
+    """Return the output folder of 300 tube pairs a split."""
+    out = tmp_path_factory.mktemp("small")
+    generate("tube", pairs=300, out=out, workers=1)
+    return out
+
+
+@pytest.fixture(scope="session")
+def test_split(small) -> Path:
+    """Return the test split of the small data set."""
+    return small / "tube" / "test"
+
+
+@pytest.fixture(scope="session")
+def real_meshes() -> Path:
+    """Return the folder of real third-party meshes, or skip with the reason."""
+    folder = os.environ.get("EIGENBENCH_TEST_MESHES")
+    if not folder:
+        pytest.skip("EIGENBENCH_TEST_MESHES does not name a folder of real meshes")
+    return Path(folder)
+
+
+@pytest.fixture
+def mesh_folder(tmp_path) -> Path:
+    """Return a folder with two training and one test mesh."""
+    folder = tmp_path / "meshes"
+    write_obj(folder / "box" / "cube.obj", box_mesh(1, 1, 1))
+    write_obj(folder / "can" / "long.obj", box_mesh(100, 30, 20))
+    write_obj(folder / "jar" / "jar.obj", box_mesh(2, 1, 1))
+    return folder

@@ -1,0 +1,26 @@
+"""What several tests are made of: places and simple meshes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from eigenbench.generators.solids import Mesh
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+
+
+def box_mesh(x: float, y: float, z: float) -> Mesh:
+    """Return a box of the given extents about the origin, outward faces."""
+    corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * [x / 2, y / 2, z / 2]
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])])
+    return Mesh(corners, faces)
+
+
+def write_obj(path: Path, mesh: Mesh) -> None:
+    """Write a mesh as Wavefront OBJ."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    path.write_text("\n".join(lines) + "\n")
