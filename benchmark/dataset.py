@@ -51,17 +51,20 @@ class Dataset:
         return self.manifest.recipe.pairs
 
     def __getitem__(self, index: int) -> Arrays:
-        """Return one pair as a dict of arrays without a batch axis."""
+        """Return one pair as a dict of arrays without a batch axis; a number is an array of no dimensions.
+
+        (torch cannot collate numpy's unsigned scalars, but does such arrays.)
+        """
         size = len(self)
         if not -size <= index < size:
             msg = f"pair {index} of a dataset of {size}"
             raise IndexError(msg)
-        return {name: values[0] for name, values in self.read([index % size]).items()}
+        return {name: values[0, ...] for name, values in self.read([index % size]).items()}
 
     def __getitems__(self, indices: Sequence[int]) -> list[Arrays]:
         """Return several pairs, read together: what a torch DataLoader calls for a batch."""
         batch = self.read(indices)
-        return [{name: values[k] for name, values in batch.items()} for k in range(len(indices))]
+        return [{name: values[k, ...] for name, values in batch.items()} for k in range(len(indices))]
 
     def __iter__(self) -> Iterator[Arrays]:
         """Yield the pairs in order."""

@@ -15,7 +15,7 @@ import trimesh
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import Mesh
+from eigenbench.generators.solids import Faces, Mesh, Points
 
 SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".ply", ".off")
 
@@ -102,11 +102,7 @@ def read_mesh(path: Path) -> Mesh:
     """
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
-        loaded = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
-        vertices, faces = (
-            np.asarray(loaded.vertices, dtype=np.float64),
-            np.asarray(loaded.faces, dtype=np.int64),
-        )
+        vertices, faces = _in_place(trimesh.load_scene(path, process=False, skip_materials=True))
     except Exception as error:
         # Loaders of a dozen formats raise anything; a damaged file must be named, not end the run.
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -121,3 +117,20 @@ def read_mesh(path: Path) -> Mesh:
         msg = f"has {int((~np.isfinite(vertices)).any(axis=1).sum())} vertices that are not finite"
         raise ShapeError(msg)
     return Mesh(vertices, faces)
+
+
+def _in_place(scene: trimesh.Scene) -> tuple[Points, Faces]:
+    """Return the vertices and faces of all meshes of a scene, each moved by its node's transform.
+
+    Points and curves are no surface and are left out; so are textures, which would need an image library.
+    """
+    vertices, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    for node in scene.graph.nodes_geometry:
+        world_from_node, name = scene.graph[node]
+        part = scene.geometry[name]
+        if isinstance(part, trimesh.Trimesh):
+            moved = np.asarray(part.vertices) @ world_from_node[:3, :3].T + world_from_node[:3, 3]
+            vertices.append(moved)
+            faces.append(np.asarray(part.faces, dtype=np.int64) + count)
+            count += len(moved)
+    return np.concatenate(vertices), np.concatenate(faces)

@@ -109,7 +109,9 @@ def test_table(test_split):
     table = eigenbench.load(test_split).table()
     assert len(table) == 300
     assert set(table["obj_category"]) == {"bucket", "jar"}
-    assert ((table["env_width"] > table["obj_width"]) & (table["env_height"] > table["obj_height"])).equals(table["label"])
+    assert ((table["env_width"] > table["obj_width"]) & (table["env_height"] > table["obj_height"])).equals(
+        table["label"]
+    )
 
 
 @pytest.mark.parametrize(("workers", "method"), [(0, None), (4, "spawn"), (4, "fork")])
@@ -169,7 +171,10 @@ def damage(folder, file, name, change):
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}
     positives = int(read_shard(folder / "targets-00000.h5", "targets", TUBE)["label"].sum())
     shards = (ShardEntry(entry.pairs, positives, **kept),)
-    body = {f: getattr(manifest, f) for f in ("recipe", "audit", "shapes_source", "shapes_used", "shapes_refused", "versions")}
+    body = {
+        f: getattr(manifest, f)
+        for f in ("recipe", "audit", "shapes_source", "shapes_used", "shapes_refused", "versions")
+    }
     write_manifest(folder, type(manifest)(shards=shards, **body))
 
 
@@ -184,7 +189,7 @@ def put(index, value):
     ("file", "name", "change", "message"),
     [
         ("targets", "label", lambda a: a.__setitem__(17, not a[17]), "row 17, field 'label'"),
-        ("targets", "margin", put(3, 0.25), "row 3, field 'margin'"),
+        ("targets", "margin", lambda a: a.__setitem__(3, a[3] * 1.5), "row 3, field 'margin'"),
         ("targets", "margin", put(3, np.nan), "row 3, field"),
         ("targets", "env_lengths", put((5, 0), 0.123), "row 5, field 'env_lengths'"),
         ("targets", "decides", lambda a: a.__setitem__(9, 1 - a[9]), "row 9, field 'decides'"),

@@ -83,7 +83,10 @@ def test_failures_are_named(tmp_path, body, message):
         ("1 +\n\n", r"failed in import: SyntaxError"),
         ("x = 1\n\n", r"failed in import: AttributeError: it defines no build and no Model"),
         ("def build(task, checkpoint, device):\n    return 5\n", r"failed in build: .*int has no method predict"),
-        ("def build(task, checkpoint, device):\n    raise OSError('gone')\n", r"failed in build: OSError: gone, line 2"),
+        (
+            "def build(task, checkpoint, device):\n    raise OSError('gone')\n",
+            r"failed in build: OSError: gone, line 2",
+        ),
         ("import os\nos._exit(7)\n", r"ended its process in build \(exit code 7\)"),
     ],
 )
@@ -104,11 +107,7 @@ def test_a_hanging_model_is_stopped(tmp_path, where):
     """Silence ends at the limit, and no process is left behind."""
     mark = f"marker-{os.getpid()}-{where}"
     sleep = f"import subprocess, sys, time; '{mark}'; subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60) #{mark}']); time.sleep(60)"
-    text = (
-        HONEST + sleep + "\n"
-        if where == "predict"
-        else f"def build(task, checkpoint, device):\n    {sleep}\n"
-    )
+    text = HONEST + sleep + "\n" if where == "predict" else f"def build(task, checkpoint, device):\n    {sleep}\n"
     start = time.monotonic()
     with pytest.raises(ModelError, match=rf"gave no answer in {where} within 2 s; raise --"):
         answer(model(tmp_path, text), timeout=2.0, build_timeout=2.0 if where == "build" else 30.0)
@@ -256,7 +255,9 @@ def test_frames_are_not_trusted():
 
 def test_a_model_that_writes_the_pipe_itself(tmp_path):
     """Bytes that are no frame end the run with a sentence, whatever they are."""
-    body = "import os, sys; [os.write(int(fd), b'garbage' * 100) for fd in os.listdir('/proc/self/fd') if int(fd) > 2]; "
+    body = (
+        "import os, sys; [os.write(int(fd), b'garbage' * 100) for fd in os.listdir('/proc/self/fd') if int(fd) > 2]; "
+    )
     with pytest.raises(ModelError, match="instead of an answer|answered with|failed in|sent a"):
         answer(model(tmp_path, "import contextlib\n" + HONEST + body + GOOD + "\n"))
 
