@@ -154,7 +154,11 @@ def _target_faults(t: Arrays, inputs: Arrays, manifest: Manifest) -> Iterator[Fa
         "is given where it should not be, or not given",
     )
     for name in ("env_rotation", "obj_rotation"):
-        yield name, _any(~(np.abs(np.linalg.norm(t[name], axis=1, keepdims=True) - 1) <= 1e-6)), "is not a unit quaternion"
+        yield (
+            name,
+            _any(~(np.abs(np.linalg.norm(t[name], axis=1, keepdims=True) - 1) <= 1e-6)),
+            "is not a unit quaternion",
+        )
     yield (
         "directions",
         _any(np.abs(np.linalg.norm(t["directions"], axis=2) - 1) > 1e-6),

@@ -313,7 +313,7 @@ def test_evaluate_bounding_box(test_split, tmp_path):
 def test_scores_do_not_depend_on_batch_size_or_order(test_split, tmp_path):
     """Two evaluations, in two secret orders and batch sizes, store the same predictions and scores."""
     runs = [
-        eigenbench.evaluate(EXAMPLES / "object_only.py", test_split, tmp_path / str(b), batch_size=b).result
+        eigenbench.evaluate(EXAMPLES / "bounding_box.py", test_split, tmp_path / str(b), batch_size=b).result
         for b in (300, 41)
     ]
     assert runs[0]["predictions_digest"] == runs[1]["predictions_digest"]

@@ -32,7 +32,7 @@ def test_uniform_is_uniform():
     """Values of neighbouring pairs and indices pass a Kolmogorov-Smirnov test."""
     values = [uniform((1, 2), pair, 1, index) for pair in range(100) for index in range(50)]
     assert stats.kstest(values, "uniform").pvalue > 0.01
-    assert 0 <= min(values)
+    assert min(values) >= 0
     assert max(values) < 1
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from material import box_mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from material import box_mesh
 from scipy import stats
 
 from eigenbench.generators import relabelling, tube
