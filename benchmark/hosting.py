@@ -305,12 +305,12 @@ def _checked_groups(model: str, groups: Any) -> Groups | None:
 
 def _python_folders() -> list[str]:
     """Return the folders that hold Python, its packages and this package."""
-    folders = {sys.prefix, sys.base_prefix, sys.exec_prefix, *(p for p in sys.path if p)}
     executable = Path(sys.executable)
-    folders |= {str(executable.parent), str(executable.resolve().parent)}
+    # The folder of a running script and the current one lead sys.path at times; they are not Python.
+    own = {str(Path.cwd()), str(Path(sys.argv[0]).resolve().parent)}
+    folders = {p for p in sys.path if p and p not in own}
+    folders |= {sys.prefix, sys.base_prefix, str(executable.parent), str(executable.resolve().parent)}
     for package in ("eigenbench", "eigenbench.generators", "eigenbench.baselines", "eigenbench.leaderboard"):
         spec = importlib.util.find_spec(package)
         folders |= set(spec.submodule_search_locations or ()) if spec else set()
-    # A script's own folder and the current one are on sys.path too; they are not Python.
-    mine = {str(Path.cwd()), str(Path(sys.argv[0]).resolve().parent)} - {str(executable.parent)}
-    return sorted(f for f in folders if Path(f).exists() and f not in mine)
+    return sorted(f for f in folders if Path(f).exists())

@@ -149,7 +149,7 @@ def test_readme_names_the_commands_that_exist():
     used = set(re.findall(r"^(?:\$ )?eigenbench (\w+)", text, re.M))
     assert used <= known
     assert known <= used
-    for name in re.findall(r"examples/(\w+\.py)", text):
+    for name in re.findall(r"examples/([a-z_]+\.py)", text):
         assert (EXAMPLES / name).is_file()
 
 
