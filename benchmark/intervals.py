@@ -2,8 +2,11 @@
 
 Few shapes carry a test set, so errors of pairs with the same object or environment go together, and
 an ordinary interval is far too narrow. Here objects and environments are resampled, each within its
-category, and a pair weighs the product of its two counts. Owen, "The pigeonhole bootstrap", Annals of
-Applied Statistics 2007.
+category, and a pair weighs the product of its two weights (Owen, "The pigeonhole bootstrap", Annals of
+Applied Statistics 2007). Of a category's k shapes k - 1 are drawn and weighed up by k / (k - 1), without
+which few shapes would give too narrow an interval (Rao & Wu, "Resampling inference with complex survey
+data", JASA 1988). The pairs of a category's only shape are resampled themselves: how shapes of that category
+differ cannot be known.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -65,15 +68,21 @@ class _Side:
         names, first, self._shape_of_pair = np.unique(shape, return_index=True, return_inverse=True)
         self._count = len(names)
         categories = category[first]
-        self._strata = [np.flatnonzero(categories == c) for c in np.unique(categories)]
+        strata = [np.flatnonzero(categories == c) for c in np.unique(categories)]
+        self._strata = [s for s in strata if len(s) > 1]
+        self._alone = [np.flatnonzero(self._shape_of_pair == s[0]) for s in strata if len(s) == 1]
 
     def resampled(self, rng: np.random.Generator, rows: int) -> Floats:
-        """Return (rows, n): how often each pair's shape was drawn, with replacement, in its category."""
-        counts = np.zeros((rows, self._count))
+        """Return (rows, n): the weight of each pair, 1 on average."""
+        weights = np.ones((rows, self._count))
         for stratum in self._strata:
             size = len(stratum)
-            counts[:, stratum] = rng.multinomial(size, np.full(size, 1 / size), size=rows)
-        return counts[:, self._shape_of_pair]
+            counts = rng.multinomial(size - 1, np.full(size, 1 / size), size=rows)
+            weights[:, stratum] = counts * (size / (size - 1))
+        of_pairs = weights[:, self._shape_of_pair]
+        for pairs in self._alone:
+            of_pairs[:, pairs] = rng.multinomial(len(pairs), np.full(len(pairs), 1 / len(pairs)), size=rows)
+        return of_pairs
 
 
 def ratio(numerator: NDArray[np.generic], denominator: NDArray[np.generic]) -> Statistic:

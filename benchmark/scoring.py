@@ -83,7 +83,7 @@ def score_predictions(predictions: Predictions, truth: Truth) -> Scores:
     lengths = _lengths(predictions, groups, truth) if groups is not None else None
     return {
         "pairs": len(decision),
-        "interval": {"level": LEVEL, "replicates": REPLICATES, "seed": SEED, "method": "crossed bootstrap"},
+        "interval": {"level": LEVEL, "replicates": REPLICATES, "seed": SEED, "method": "crossed bootstrap, rescaled"},
         "decided_by": "probability" if groups is None else "lengths",
         **accuracy,
         "lengths": lengths,

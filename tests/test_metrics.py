@@ -179,6 +179,19 @@ def test_crossed_intervals_cover_and_ordinary_ones_do_not(rng):
     assert ordinary / runs < 0.75
 
 
+def test_few_shapes_do_not_narrow_the_interval(rng):
+    """With three shapes of their own accuracy, the bootstrap's variance is that of the mean of three."""
+    shape = np.repeat([b"a/1", b"a/2", b"a/3"], 1000)
+    right = rng.uniform(size=3000) < np.repeat([0.6, 0.8, 0.9], 1000)
+    same, primitive = np.full(3000, b"a"), np.full(3000, b"primitive")
+    statistic = ratio(right, np.ones(3000))
+    values = np.concatenate([statistic(w) for w in crossed_weights(shape, same, primitive, primitive, 4000)])
+    means = right.reshape(3, 1000).mean(axis=1)
+    assert values.std() == pytest.approx(means.std(ddof=1) / np.sqrt(3), rel=0.05)
+    one = np.concatenate([statistic(w) for w in crossed_weights(same, same, primitive, primitive, 4000)])
+    assert one.std() == pytest.approx(np.sqrt(right.var() / 3000), rel=0.05)
+
+
 def test_weights_are_stratified_and_repeatable():
     """Each category keeps its number of shapes; two calls agree; primitives are not resampled."""
     obj = np.array([b"a/1", b"a/2", b"b/1", b"b/1", b"a/1"])
@@ -190,6 +203,7 @@ def test_weights_are_stratified_and_repeatable():
     assert np.array_equal(first, again)
     assert np.array_equal(first[:, 0], first[:, 4])
     assert np.array_equal(first[:, 0] + first[:, 1], np.full(300, 2))
-    assert np.array_equal(first[:, 2], np.ones(300))
+    assert np.allclose(first[:, 2] + first[:, 3], 2)  # b has one shape: its pairs are resampled
+    assert first[:, 2].std() > 0.5
     crossed = np.concatenate(list(crossed_weights(obj, category, obj, category, 300, seed=4)))
-    assert crossed.max() > 2
+    assert crossed.max() >= 4
