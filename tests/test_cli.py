@@ -197,3 +197,11 @@ def test_readme_python_runs(test_split, tmp_path):
     for block in blocks:
         done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_cache_that_cannot_be_written(tmp_path, place):
+    """A cache place that cannot be used is named, with the variable that chooses another."""
+    (tmp_path / "file").touch()
+    environment = os.environ | {"EIGENBENCH_CACHE": str(tmp_path / place)}
+    fails("cannot be written: .* Set EIGENBENCH_CACHE", "generate", "--task", "tube", cwd=tmp_path, env=environment)
