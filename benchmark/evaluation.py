@@ -163,7 +163,7 @@ def _provenance(
         },
         "predictions_digest": predictions_digest(answers.predictions),
         "predictions": sorted(answers.predictions.arrays),
-        "isolation": answers.isolation,
+        "isolation": {k: v for k, v in answers.isolation.items() if k != "kind"},
         "hardware": {"machine": platform.machine(), "system": platform.system(), "cores": os.cpu_count()},
         "python": platform.python_version(),
     }

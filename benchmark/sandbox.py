@@ -1,4 +1,4 @@
-"""Locking a process in, from inside: resource limits, no network, and the kernel's Landlock.
+"""Locking a process in, from inside: resource limits, namespaces without network, the kernel's Landlock.
 
 Levels, each including the one before: none < rlimits < landlock. Standard library only: a network
 namespace can be entered only before the first thread, so before numpy. A sandbox is no proof against
@@ -7,9 +7,11 @@ an attack on the kernel itself, and the level that was reached is part of every 
 References: landlock(7), unshare(2), setrlimit(2), prctl(2).
 """
 
+import contextlib
 import ctypes
 import os
 import resource
+import signal
 import struct
 import sys
 from collections.abc import Iterable
@@ -23,7 +25,7 @@ _PATH_BENEATH = 1
 _EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
 _FS_RIGHTS_BY_ABI = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 5: (1 << 16) - 1}
 _FILE_RIGHTS = _EXECUTE | _WRITE_FILE | _READ_FILE | 1 << 14 | 1 << 15
-_CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
+_CLONE_NEWUSER, _CLONE_NEWPID, _CLONE_NEWNET = 0x10000000, 0x20000000, 0x40000000
 _PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
 _SIGKILL = 9
 
@@ -64,7 +66,7 @@ def enter(order: dict[str, Any]) -> dict[str, Any]:
     of `readable_paths`), `writable` (one folder) and `device`.
     """
     asked = order["isolation"]
-    reached: dict[str, Any] = {"level": "none", "network": "open", "landlock_abi": 0}
+    reached: dict[str, Any] = {"level": "none", "network": "open", "processes": "open", "landlock_abi": 0}
     _die_with_parent()
     if asked == "none":
         return reached
@@ -72,8 +74,12 @@ def enter(order: dict[str, Any]) -> dict[str, Any]:
     reached["level"] = "rlimits"
     if asked == "rlimits":
         return reached
-    if _leave_network():
+    left = _leave_namespaces()
+    if left & _CLONE_NEWNET:
         reached["network"] = "namespace"
+    if left & _CLONE_NEWPID:
+        _become_grandchild()
+        reached["processes"] = "namespace"
     abi = landlock_abi()
     if abi:
         denies_tcp = _landlock(abi, order)
@@ -107,11 +113,39 @@ def _lower(kind: int, value: int) -> None:
     resource.setrlimit(kind, (new, new))
 
 
-def _leave_network() -> bool:
-    """Move into a network namespace with no interface but a loopback that is down."""
+def _leave_namespaces() -> int:
+    """Leave the machine's network and processes as far as allowed; return the flags of what was left.
+
+    The new network has no interface but a loopback that is down.
+    """
     if not sys.platform.startswith("linux"):
-        return False
-    return any(_libc.unshare(flags) == 0 for flags in (_CLONE_NEWUSER | _CLONE_NEWNET, _CLONE_NEWNET))
+        return 0
+    both = _CLONE_NEWNET | _CLONE_NEWPID
+    tries = (_CLONE_NEWUSER | both, both, _CLONE_NEWUSER | _CLONE_NEWNET, _CLONE_NEWNET)
+    return next((flags for flags in tries if _libc.unshare(flags) == 0), 0)
+
+
+def _become_grandchild() -> None:
+    """Go on in a new process namespace, whose end is the end of every process that was started in it.
+
+    This process and the namespace's first one stay behind, wait, and end as the model's process does.
+    """
+    for _ in range(2):
+        child = os.fork()
+        if child:
+            _mirror(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        _die_with_parent()
+
+
+def _mirror(code: int) -> None:
+    """End this process as another ended: by its exit code, or by its signal if that can be done."""
+    number = -code if code < 0 else code - 128
+    if 0 < number < signal.NSIG:
+        with contextlib.suppress(OSError, ValueError):
+            if number != signal.SIGKILL:
+                signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)  # the first process of a namespace ignores this, and exits below
+    os._exit(code if code >= 0 else 128 - code)
 
 
 def _landlock(abi: int, order: dict[str, Any]) -> bool:
@@ -128,7 +162,7 @@ def _landlock(abi: int, order: dict[str, Any]) -> bool:
     devices = [*_DEVICES, *(map(str, Path("/dev").glob("nvidia*")) if order["device"] != "cpu" else ())]
     for device in devices:
         _allow(ruleset, Path(device), _READ_FILE | _WRITE_FILE | 1 << 15, rights)
-    _allow(ruleset, Path(f"/proc/{os.getpid()}"), _READ_FILE | _READ_DIR, rights)
+    _allow(ruleset, Path("/proc/self").resolve(), _READ_FILE | _READ_DIR, rights)
     _allow(ruleset, Path(order["writable"]), rights, rights)
     _checked(_libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
     _checked(_libc.syscall(_RESTRICT_SELF, ruleset, 0))

@@ -157,7 +157,7 @@ def test_hostile_models_get_nothing(tmp_path, attempt):
         attempt = attempt.format(
             secret=str(secret), outside=str(tmp_path / "new"), parent=os.getpid(), port=server.getsockname()[1]
         )
-        with pytest.raises(ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused"):
+        with pytest.raises(ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused|ProcessLookupError"):
             answer(model(tmp_path, f"{attempt}; {GOOD}"))
     assert secret.read_text() == "the labels"
     assert not (tmp_path / "new").exists()
@@ -408,3 +408,22 @@ def test_object_only_can_be_fitted_again(small, tmp_path):
     assert len(json.loads(copy.with_suffix(".json").read_text())["weights"]) == 10
     refused = subprocess.run([*command[:2], str(small / "tube" / "test")], capture_output=True, text=True, check=False)
     assert "fit on train" in refused.stderr
+
+
+@needs_landlock
+@pytest.mark.parametrize("escape", ["os.setsid()", "ctypes.CDLL(None).prctl(1, 0, 0, 0, 0); os.setsid()"])
+def test_no_process_outlives_the_model(tmp_path, escape):
+    """A daemon that leaves the session and its parent's death signal ends with the model all the same."""
+    mark = f"daemon-{os.getpid()}-{abs(hash(escape))}"
+    body = (
+        "import ctypes, os, subprocess, sys, time\n"
+        "class Model:\n    def predict(self, env, obj):\n"
+        f"        if os.fork() == 0:\n            {escape}\n"
+        f"            subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60) #{mark}'], start_new_session=True)\n"
+        "            time.sleep(60)\n        time.sleep(1)\n        return {'probability': [0.5] * len(env)}\n"
+    )
+    _, isolation = answer(model(tmp_path, body))
+    if isolation["processes"] != "namespace":
+        pytest.skip("this machine allows no process namespace")
+    time.sleep(0.2)
+    assert not [p for p in Path("/proc").glob("[0-9]*/cmdline") if mark.encode() in p.read_bytes()]
