@@ -25,6 +25,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+_INTERRUPTED = 130
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
@@ -40,21 +42,16 @@ def main() -> None:
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     try:
-        app(arguments, standalone_mode=False)
-    except typer.Exit as done:
-        code = int(done.exit_code)
+        code = int(app(arguments, standalone_mode=False) or 0)  # typer returns 130 for Ctrl-C
     except EigenbenchError as error:
         code = _fail(str(error), error.detail, debug)
-    except (KeyboardInterrupt, typer.Abort):
-        print("error: interrupted. What is finished is kept; the same command goes on.", file=sys.stderr)
-        code = 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         code = 141
     except Exception as error:
         code = _unforeseen(error, debug)
-    else:
-        code = 0
+    if code == _INTERRUPTED:
+        print("error: interrupted. What is finished is kept; the same command goes on.", file=sys.stderr)
     sys.exit(code)
 
 

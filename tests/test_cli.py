@@ -4,8 +4,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from material import EXAMPLES, ROOT
@@ -205,3 +207,29 @@ def test_cache_that_cannot_be_written(tmp_path, place):
     (tmp_path / "file").touch()
     environment = os.environ | {"EIGENBENCH_CACHE": str(tmp_path / place)}
     fails("cannot be written: .* Set EIGENBENCH_CACHE", "generate", "--task", "tube", cwd=tmp_path, env=environment)
+
+
+@pytest.mark.parametrize("command", ["generate", "evaluate"])
+def test_ctrl_c(tmp_path, test_split, command):
+    """Ctrl-C ends with one line and code 130; generating goes on later, evaluating leaves nothing."""
+    slow = tmp_path / "slow.py"
+    slow.write_text("import time\nclass Model:\n    def predict(self, env, obj):\n        time.sleep(60)\n")
+    arguments = {
+        "generate": ("--task", "tube", "--split", "train", "--pairs", 30_000, "--workers", 2),
+        "evaluate": (slow, "--data", test_split),
+    }[command]
+    line = [sys.executable, "-m", "eigenbench", command, *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(line, cwd=tmp_path, start_new_session=True, **pipes) as process:
+        end = time.monotonic() + 60
+        while not list(tmp_path.rglob("targets-*.h5")) and time.monotonic() < end and command == "generate":
+            time.sleep(0.01)
+        time.sleep(0 if command == "generate" else 4)
+        os.killpg(process.pid, signal.SIGINT)
+        printed, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert printed == ""
+    assert errors.splitlines()[-1].startswith("error: interrupted. What is finished is kept")
+    assert "Traceback" not in errors
+    assert not (tmp_path / "runs").exists()
+    assert not list(tmp_path.rglob("manifest.json"))

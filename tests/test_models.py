@@ -157,7 +157,9 @@ def test_hostile_models_get_nothing(tmp_path, attempt):
         attempt = attempt.format(
             secret=str(secret), outside=str(tmp_path / "new"), parent=os.getpid(), port=server.getsockname()[1]
         )
-        with pytest.raises(ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused|ProcessLookupError"):
+        with pytest.raises(
+            ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused|ProcessLookupError"
+        ):
             answer(model(tmp_path, f"{attempt}; {GOOD}"))
     assert secret.read_text() == "the labels"
     assert not (tmp_path / "new").exists()
