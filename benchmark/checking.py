@@ -45,7 +45,7 @@ def check(model: str | Path, task: str = "tube", options: HostOptions | None = N
         singles = [hosted.predict(env[k : k + 1], obj[k : k + 1]) for k in range(len(env))]
         turned = hosted.predict(env[::-1].copy(), obj[::-1].copy())
         swapped = hosted.predict(env, np.roll(obj, 1, axis=0))
-        grounded = bool(hosted.capabilities["grounded"]) or "vectors" in first.arrays
+        grounded = hosted.capabilities.grounded or "vectors" in first.arrays
         level, network = hosted.isolation["level"], hosted.isolation["network"]
     fields = ", ".join(f"{k} {v.shape}" for k, v in sorted(first.arrays.items()))
     alone = Answer({k: np.concatenate([s.arrays[k] for s in singles]) for k in first.arrays}, None)

@@ -14,13 +14,12 @@ from typing import Annotated, Any
 
 import typer
 
-from eigenbench.errors import EigenbenchError
+from eigenbench.errors import DataError, EigenbenchError
 
 app = typer.Typer(
     name="eigenbench",
     help="Which few lengths decide whether an object fits? Generate the data, evaluate a model.",
     add_completion=False,
-    no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -40,7 +39,7 @@ Isolation = Annotated[str, typer.Option(help="auto, none, rlimits or landlock.")
 def main() -> None:
     """Run the command line and exit with its code."""
     debug = "--debug" in sys.argv
-    arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    arguments = [a for a in sys.argv[1:] if a != "--debug"] or ["--help"]
     try:
         code = int(app(arguments, standalone_mode=False) or 0)  # typer returns 130 for Ctrl-C
     except EigenbenchError as error:
@@ -180,16 +179,17 @@ def verify(
     as_json: Json = False,
 ) -> None:
     """Check digests, schema and invariants; name the first bad shard, row and field."""
+    from eigenbench.manifest import find_splits
     from eigenbench.verification import verify as check_folders
 
-    with _progress(as_json) as progress:
-        manifests = check_folders(path, progress)
     relabelled: dict[str, int] = {}
-    if deep:
+    if deep:  # first, because it names the row where the digests only tell that there is one
         from eigenbench.generators.deep import verify_deep
 
         with _progress(as_json) as progress:
-            relabelled = {str(f): verify_deep(f, shapes, workers, progress) for f in manifests}
+            relabelled = {str(f): verify_deep(f, shapes, workers, progress) for f in find_splits(path)}
+    with _progress(as_json) as progress:
+        manifests = check_folders(path, progress)
     if as_json:
         print(
             json.dumps(
@@ -235,7 +235,7 @@ def _options(
 ) -> Any:
     from eigenbench.hosting import HostOptions
 
-    return HostOptions(isolation, timeout, build_timeout, int(memory * 2**30), device, checkpoint)
+    return HostOptions(isolation, timeout, build_timeout, memory, device, checkpoint)
 
 
 @app.command()
@@ -251,13 +251,14 @@ def score(
     result, difference = rescore(run, data)
     if as_json:
         print(json.dumps({"scores": result["scores"], "difference": difference}))
+    else:
+        print_result(result)
+    if difference:
+        msg = f"{run / 'result.json'} says otherwise at {difference}: it was changed, or scored by another version."
+        raise DataError(msg)
+    if as_json:
         return
-    print_result(result)
-    print(
-        f"differs from {run / 'result.json'} at {difference}"
-        if difference
-        else "equal to the stored result, to the last digit"
-    )
+    print("equal to the stored result, to the last digit")
 
 
 @app.command()

@@ -84,6 +84,7 @@ class Dataset:
         shards = np.unique(shard_of_row)
         batch: Arrays = {}
         for name in self.fields if fields is None else fields:
+            choose("field", name, [f.name for f in FIELDS])
             maps = {int(s): self._map(int(s), name) for s in shards}
             like = next(iter(maps.values()), None)
             if like is None:

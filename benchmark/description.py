@@ -11,7 +11,7 @@ from eigenbench.dataset import load
 from eigenbench.errors import DataError
 from eigenbench.manifest import find_splits
 from eigenbench.references import one_sided_decision
-from eigenbench.shard_format import MARGIN_BINS, REASONS
+from eigenbench.shard_format import MARGIN_BINS, PAIRS_PER_SHARD, REASONS
 
 
 def describe(folder: str | Path) -> list[dict[str, Any]]:
@@ -26,6 +26,7 @@ def describe(folder: str | Path) -> list[dict[str, Any]]:
 def _describe_split(folder: Path) -> dict[str, Any]:
     dataset = load(folder)
     manifest = dataset.manifest
+    dataset.read(range(0, len(dataset), PAIRS_PER_SHARD), ("env_points", "obj_points"))  # every shard opens
     names = (
         "label",
         "margin",

@@ -5,8 +5,9 @@ import os
 import platform
 import secrets
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ import numpy as np
 
 from eigenbench._version import DATA_VERSION, __version__
 from eigenbench.dataset import Dataset, load
-from eigenbench.errors import ModelError, UsageError
-from eigenbench.hosting import HostedModel, HostOptions, split_model_name
+from eigenbench.errors import UsageError
+from eigenbench.hosting import Capabilities, HostedModel, HostOptions, split_model_name
 from eigenbench.records import Arrays, Groups
 from eigenbench.results import RESULT, RESULT_VERSION, Predictions, predictions_digest, write_run
 from eigenbench.scoring import Truth, score_predictions
@@ -40,7 +41,7 @@ class _Answers:
 
     predictions: Predictions
     isolation: dict[str, Any]
-    capabilities: dict[str, Any]
+    capabilities: Capabilities
     model_seconds: float
 
 
@@ -67,27 +68,31 @@ def evaluate(
     if batch_size < 1:
         msg = f"Batch size is {batch_size}; it must be at least 1."
         raise UsageError(msg)
-    path, _ = split_model_name(model)
+    path, name = split_model_name(model)
     dataset = load(data)
     folder = _run_folder(out, path, dataset)
     options = options or HostOptions()
+    digests = {"digest": _file_digest(path), "checkpoint_digest": _file_digest(options.checkpoint)}
     hidden = (*options.hidden, dataset.folder, folder)
-    started = time.perf_counter()
-    answers = _ask(model, dataset, batch_size, replace(options, hidden=hidden), progress)
-    asked = time.perf_counter() - started
-    scores = score_predictions(answers.predictions, Truth.of(dataset))
-    seconds = {
-        "model": round(answers.model_seconds, 3),
-        "harness": round(asked - answers.model_seconds, 3),
-        "scoring": round(time.perf_counter() - started - asked, 3),
-    }
-    result = {
-        **_provenance(model, path, dataset, answers, options),
-        "seconds": seconds,
-        "batch_size": batch_size,
-        "scores": scores,
-    }
-    write_run(folder, answers.predictions, dataset.column("pair_id"), result)
+    with _made(folder):
+        started = time.perf_counter()
+        answers = _ask(model, dataset, batch_size, replace(options, hidden=hidden), progress)
+        asked = time.perf_counter() - started
+        scores = score_predictions(answers.predictions, Truth.of(dataset))
+        seconds = {
+            "model": round(answers.model_seconds, 3),
+            "harness": round(asked - answers.model_seconds, 3),
+            "scoring": round(time.perf_counter() - started - asked, 3),
+        }
+        own = {"file": path.name, "name": name, **digests, "device": options.device}
+        result = {
+            "model": own | asdict(answers.capabilities),
+            **_provenance(dataset, answers),
+            "seconds": seconds,
+            "batch_size": batch_size,
+            "scores": scores,
+        }
+        write_run(folder, answers.predictions, dataset.column("pair_id"), result)
     return Evaluated(folder, result)
 
 
@@ -96,13 +101,31 @@ def _run_folder(out: str | Path | None, model: Path, dataset: Dataset) -> Path:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     default = Path("runs") / f"{model.stem}-{recipe.task}-{recipe.split}-{stamp}"
     folder = Path(out) if out is not None else default
-    if (folder / RESULT).exists():
+    if model.is_relative_to(folder.resolve()):
+        msg = f"{folder} holds the model itself; --out must name a folder of its own."
+        raise UsageError(msg)
+    if os.path.exists(folder / RESULT):  # noqa: PTH110 - Path.exists raises where a name is too long
         msg = f"{folder} holds a run already; choose another --out or remove it."
         raise UsageError(msg)
-    if folder.exists() and not folder.is_dir():
-        msg = f"{folder} is a file; --out must name a folder."
-        raise UsageError(msg)
     return folder
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder before the work, so that it cannot fail after it; take it away again if the work fails."""
+    try:
+        new = [p for p in (folder, *folder.parents) if not p.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"Run folder {str(folder)[:200]} cannot be made: {error.strerror}. Choose another --out."
+        raise UsageError(msg) from error
+    try:
+        yield
+    except BaseException:
+        for path in new:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def _ask(
@@ -120,9 +143,6 @@ def _ask(
             before = time.perf_counter()
             answer = hosted.predict(clouds["env_points"], clouds["obj_points"])
             spent += time.perf_counter() - before
-            if start and answer.groups != groups:
-                msg = f"Model {hosted.path.name} changed its groups from {groups} to {answer.groups}."
-                raise ModelError(msg)
             groups = answer.groups
             for name, values in answer.arrays.items():
                 if name not in arrays:
@@ -133,24 +153,14 @@ def _ask(
         return _Answers(Predictions(arrays, groups), hosted.isolation, hosted.capabilities, spent)
 
 
-def _provenance(
-    model: str | Path, path: Path, dataset: Dataset, answers: _Answers, options: HostOptions
-) -> dict[str, Any]:
-    """Return who was evaluated on what, where and how."""
+def _provenance(dataset: Dataset, answers: _Answers) -> dict[str, Any]:
+    """Return on what, where and how a model was evaluated."""
     manifest = dataset.manifest
     return {
         "result_version": RESULT_VERSION,
         "eigenbench": __version__,
         "data_version": DATA_VERSION,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "model": {
-            "file": path.name,
-            "name": str(model).rpartition(":")[2] if not Path(str(model)).exists() else "",
-            "digest": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "checkpoint_digest": _file_digest(options.checkpoint),
-            "device": options.device,
-            **answers.capabilities,
-        },
         "data": {
             "task": manifest.recipe.task,
             "split": manifest.recipe.split,
@@ -169,5 +179,8 @@ def _provenance(
     }
 
 
-def _file_digest(path: str | None) -> str | None:
-    return None if path is None else hashlib.sha256(Path(path).read_bytes()).hexdigest()
+def _file_digest(path: str | Path | None) -> str | None:
+    """Return the sha256 of a file; None for no file, or a folder of weights."""
+    if path is None or Path(path).is_dir():
+        return None
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -6,12 +6,11 @@ Labels never enter the model's process, and nothing that comes back is unpickled
 import contextlib
 import importlib.util
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups
 from eigenbench.errors import ModelError, UsageError, choose
 from eigenbench.protocol import (
     BadFrame,
@@ -35,6 +35,8 @@ from eigenbench.tasks import TaskSpec
 
 ISOLATION = ("auto", *LEVELS)
 FILE_BYTES = 1 << 30
+MAX_SECONDS = 1e6
+MAX_GIB = 1024
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "PYTHONPATH", "CUDA_VISIBLE_DEVICES")
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENBLAS_CORETYPE")
 
@@ -48,7 +50,7 @@ class HostOptions:
     isolation : "auto" for the strongest level there is, or the level that must be reached
     timeout : seconds for one call of predict
     build_timeout : seconds for import and build
-    memory : address space in bytes (on the CPU)
+    memory_gib : address space of each of the model's processes, in GiB (on the CPU)
     device, checkpoint : passed to `build`
     hidden : folders that the model may not read, whatever else it may
     """
@@ -56,7 +58,7 @@ class HostOptions:
     isolation: str = "auto"
     timeout: float = 120.0
     build_timeout: float = 30.0
-    memory: int = 4 << 30
+    memory_gib: float = 4.0
     device: str = "cpu"
     checkpoint: str | None = None
     hidden: tuple[Path, ...] = ()
@@ -65,12 +67,39 @@ class HostOptions:
         """Refuse what cannot be run."""
         choose("isolation level", self.isolation, ISOLATION)
         for name, value in (("timeout", self.timeout), ("build timeout", self.build_timeout)):
-            if not value > 0:
-                msg = f"The {name} is {value} s; it must be above 0."
+            if not 0 < value <= MAX_SECONDS:
+                msg = f"The {name} is {value:g} s; it must be above 0 and at most {MAX_SECONDS:g}."
                 raise UsageError(msg)
-        if self.memory < 1 << 28:
-            msg = f"The memory limit is {self.memory / 2**30:.2f} GiB; a model needs at least 0.25 GiB."
+        if not 0.25 <= self.memory_gib <= MAX_GIB:
+            msg = f"The memory limit is {self.memory_gib:g} GiB; it must be from 0.25 to {MAX_GIB}."
             raise UsageError(msg)
+        if self.checkpoint is not None and not os.access(self.checkpoint, os.R_OK):
+            msg = f"Checkpoint {self.checkpoint} does not exist or cannot be read."
+            raise UsageError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a model says of itself, once it is built.
+
+    Attributes
+    ----------
+    arrays : what its predict receives, "numpy" or "torch"
+    grounded : its object lengths may depend on the environment
+    can : the optional methods that it has, of `adapt` and `fit`
+    """
+
+    arrays: str = "numpy"
+    grounded: bool = False
+    can: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, header: Header) -> "Capabilities":
+        """Take from a frame what has the right name and type, and nothing else."""
+        can = header.get("can")
+        named = [name for name in ("adapt", "fit") if isinstance(can, list) and name in can]
+        arrays = "torch" if header.get("arrays") == "torch" else "numpy"
+        return cls(arrays, header.get("grounded") is True, named)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +117,7 @@ def split_model_name(model: str | Path) -> tuple[Path, str]:
         text, _, name = text.rpartition(":")
     path = Path(text).expanduser().resolve()
     if not path.is_file():
-        msg = f"Model file {text} does not exist."
+        msg = f"Model file {text} {'is a folder' if path.is_dir() else 'does not exist'}."
         raise ModelError(msg)
     return path, name
 
@@ -100,9 +129,8 @@ class HostedModel:
         self.path, self.name = split_model_name(model)
         self._task, self._options = task, options
         self.isolation: Header = {}
-        self.capabilities: Header = {}
-        self._slots: int | None = None
-        self._fields: frozenset[str] | None = None
+        self.capabilities = Capabilities()
+        self._first: tuple[frozenset[str], int, Groups | None] | None = None
 
     def __enter__(self) -> "HostedModel":
         """Start the process, lock it in, load and build the model."""
@@ -115,7 +143,8 @@ class HostedModel:
             self._channel.send(self._order(scratch), timeout=self._options.build_timeout)
             self.isolation = self._receive("isolation", "isolation", self._options.build_timeout)[0]
             self._check_level()
-            self.capabilities = self._receive("build", "ready", self._options.build_timeout)[0]
+            ready = self._receive("build", "ready", self._options.build_timeout)[0]
+            self.capabilities = Capabilities.of(ready)
         except BaseException:
             self._stop()
             raise
@@ -136,15 +165,13 @@ class HostedModel:
             raise self._silent(phase="predict", timeout=self._options.timeout) from error
         except ChannelClosed as error:
             raise self._ended(phase="predict") from error
-        header, payload = self._receive("predict", "answer", self._options.timeout)
+        header, payload = self._receive("predict", "answer", self._options.timeout, largest_body(len(env)))
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)
         except BadFrame as error:
             msg = f"Model {self.path.name} answered with {error}."
             raise ModelError(msg) from error
-        answer = Answer(arrays, _checked_groups(self.path.name, header.get("groups")))
-        self._check(answer, len(env))
-        return answer
+        return self._accept(arrays, header.get("groups"), len(env))
 
     def _start(self, scratch: Path) -> None:
         child_read, own_write = os.pipe()
@@ -173,7 +200,7 @@ class HostedModel:
         roots += [checkpoint] if checkpoint else []
         return {
             "isolation": options.isolation,
-            "memory_bytes": options.memory,
+            "memory_bytes": int(options.memory_gib * 2**30),
             "file_bytes": FILE_BYTES,
             "readable": readable_paths(roots, [h.resolve() for h in options.hidden]),
             "writable": str(scratch),
@@ -190,9 +217,9 @@ class HostedModel:
             msg = f"Isolation level '{asked}' cannot be reached here, only '{reached}'; pass --isolation {reached}."
             raise UsageError(msg)
 
-    def _receive(self, phase: str, kind: str, timeout: float) -> tuple[Header, bytearray]:
+    def _receive(self, phase: str, kind: str, timeout: float, limit: int = 0) -> tuple[Header, bytearray]:
         try:
-            header, body = self._channel.receive(timeout)
+            header, body = self._channel.receive(timeout, limit)
         except ChannelTimeout as error:
             raise self._silent(phase, timeout) from error
         except ChannelClosed as error:
@@ -201,14 +228,12 @@ class HostedModel:
             msg = f"Model {self.path.name} sent {error} instead of an answer."
             raise ModelError(msg) from error
         if header.get("kind") == "error":
-            where = f", line {header['line']}" if header.get("line") else ""
-            msg = (
-                f"Model {self.path.name} failed in {header.get('phase')}: "
-                f"{header.get('type')}: {header.get('message')}{where}."
-            )
+            where = f", line {header['line']}" if isinstance(header.get("line"), int) else ""
+            told = [_printable(header.get(name)) for name in ("phase", "type", "message")]
+            msg = f"Model {self.path.name} failed in {': '.join(told)}{where}."
             raise ModelError(msg, detail=str(header.get("traceback", "")))
         if header.get("kind") != kind:
-            msg = f"Model {self.path.name} sent a '{header.get('kind')}' instead of its '{kind}'."
+            msg = f"Model {self.path.name} sent a '{_printable(header.get('kind'), 40)}' instead of its '{kind}'."
             raise ModelError(msg)
         return header, body
 
@@ -222,7 +247,8 @@ class HostedModel:
             code = self._process.wait(5)
         except subprocess.TimeoutExpired:
             code = 0
-        how = f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
+        names = {int(s): s.name for s in signal.Signals}
+        how = f"exit code {code}" if code >= 0 else f"signal {names.get(-code, -code)}"
         msg = f"Model {self.path.name} ended its process in {phase} ({how}) instead of answering."
         return ModelError(msg, detail=self._log_tail())
 
@@ -239,68 +265,28 @@ class HostedModel:
         if hasattr(self, "_channel"):
             self._channel.close()
         self._log.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        # A tree too deep for shutil's recursion is left to rm, which walks it without.
+        subprocess.run(["rm", "-rf", "--", self._folder], check=False, stderr=subprocess.DEVNULL)
 
-    def _check(self, answer: Answer, batch: int) -> None:
+    def _accept(self, arrays: Arrays, groups: Any, batch: int) -> Answer:
         """Check one answer against the interface and against the answers before it."""
-        arrays = answer.arrays
-        fields = frozenset(arrays)
-        if ("env_lengths" in fields) != ("obj_lengths" in fields):
-            self._refuse("gives lengths of one side only; give env_lengths and obj_lengths")
-        if not fields & {"probability", "env_lengths"}:
-            self._refuse("gives neither a probability nor lengths")
-        if self._fields is not None and fields != self._fields:
-            self._refuse(f"gave {sorted(self._fields)} for one batch and {sorted(fields)} for another")
-        self._fields = fields
-        slots = self._slots_of(arrays)
-        if self._slots is not None and slots != self._slots:
-            self._refuse(f"gave S = {self._slots} slots for one batch and {slots} for another")
-        self._slots = slots
-        rows: dict[str, tuple[int, ...]] = {
-            "probability": (),
-            "env_lengths": (slots,),
-            "obj_lengths": (slots,),
-            "vectors": (slots, 3),
-            "planes": (slots, 2, 3),
-        }
-        for name, values in arrays.items():
-            expected = (batch, *rows[choose("prediction field", name, rows)])
-            if values.shape != expected:
-                self._refuse(f"returned {name} of shape {values.shape}, expected {expected}")
-            if not np.isfinite(values).all():
-                row = int(np.argwhere(~np.isfinite(values))[0][0])
-                self._refuse(f"returned {name} that is not finite (row {row} of the batch)")
-        probability = arrays.get("probability")
-        if probability is not None and not ((probability >= 0) & (probability <= 1)).all():
-            self._refuse("returned a probability outside [0, 1]")
-        named = {slot for group in answer.groups or () for slot in group}
-        if any(slot >= slots for slot in named):
-            self._refuse(f"returned groups {answer.groups} that name a slot beyond S = {slots}")
-
-    def _slots_of(self, arrays: Arrays) -> int:
-        for name in ("env_lengths", "vectors", "planes"):
-            if name in arrays:
-                if arrays[name].ndim < 2 or arrays[name].shape[1] < 1:
-                    self._refuse(f"returned {name} of shape {arrays[name].shape}, expected (B, S, ...) with S >= 1")
-                return int(arrays[name].shape[1])
-        return 0
-
-    def _refuse(self, why: str) -> None:
-        msg = f"Model {self.path.name} {why}."
-        raise ModelError(msg)
+        try:
+            answer = Answer(arrays, read_groups(groups))
+            shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
+        except BadAnswer as error:
+            msg = f"Model {self.path.name} {error}."
+            raise ModelError(msg) from error
+        if self._first is not None and shape != self._first:
+            was, now = ((sorted(fields), f"S = {slots}", given) for fields, slots, given in (self._first, shape))
+            msg = f"Model {self.path.name} changed its answer between batches from {was} to {now}."
+            raise ModelError(msg)
+        self._first = shape
+        return answer
 
 
-def _checked_groups(model: str, groups: Any) -> Groups | None:
-    """Return the AND groups of an answer as tuples; ModelError unless they are lists of slot numbers."""
-    if groups is None:
-        return None
-    good = isinstance(groups, list) and all(
-        isinstance(g, list) and g and all(isinstance(s, int) and s >= 0 for s in g) for g in groups
-    )
-    if not good or not groups:
-        msg = f"Model {model} returned groups {groups!r}; expected a list of non-empty lists of slot numbers."
-        raise ModelError(msg)
-    return tuple(tuple(g) for g in groups)
+def _printable(text: Any, limit: int = 500) -> str:
+    """Return text that a model controls as one line that cannot command a terminal."""
+    return "".join(c if c.isprintable() else " " for c in str(text)[:limit])
 
 
 def _python_folders() -> list[str]:

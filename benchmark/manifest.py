@@ -8,11 +8,12 @@ from typing import Any
 
 from eigenbench.errors import DataError, EigenbenchError
 from eigenbench.records import Audit, Recipe
-from eigenbench.shard_format import FORMAT_VERSION
+from eigenbench.shard_format import FORMAT_VERSION, shard_sizes
 from eigenbench.shards import write_text_atomically
 from eigenbench.tasks import SPLITS, TASKS, TaskSpec, find_task
 
 MANIFEST = "manifest.json"
+_HOW = "`eigenbench generate` makes one."
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,14 @@ class Manifest:
 
     def __post_init__(self) -> None:
         """Fill in the digest, or check the one that was read."""
+        sizes = shard_sizes(self.recipe.pairs)
+        if [s.pairs for s in self.shards] != sizes:
+            msg = f"its shards do not hold the {self.recipe.pairs} pairs of its recipe"
+            raise ValueError(msg)
+        for name in ("shapes_used", "shapes_refused", "versions"):
+            if not isinstance(getattr(self, name), dict):
+                msg = f"its {name} is not an object"
+                raise TypeError(msg)
         joined = "\n".join(f"{s.inputs} {s.targets}" for s in self.shards)
         digest = hashlib.sha256(joined.encode()).hexdigest()
         if self.digest not in ("", digest):
@@ -84,6 +93,9 @@ def read_manifest(folder: Path) -> Manifest:
         raise DataError(_no_manifest(folder))
     try:
         body: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if body["format_version"] != FORMAT_VERSION:
+            msg = f"{path} has format version {body['format_version']}, this eigenbench reads {FORMAT_VERSION}."
+            raise DataError(msg)
         body.pop("positive_rate", None)
         return Manifest(
             **body
@@ -93,7 +105,9 @@ def read_manifest(folder: Path) -> Manifest:
                 "shards": tuple(ShardEntry(**s) for s in body["shards"]),
             }
         )
-    except (ValueError, KeyError, TypeError, EigenbenchError) as error:
+    except DataError:
+        raise
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, EigenbenchError) as error:
         msg = f"{path} is not a manifest of this eigenbench: {error}. Generate the split again."
         raise DataError(msg) from error
 
@@ -101,7 +115,7 @@ def read_manifest(folder: Path) -> Manifest:
 def find_splits(path: Path) -> list[Path]:
     """Return the split folders at or below `path`: itself, `<split>` or `<task>/<split>`."""
     if not path.is_dir():
-        msg = f"Data folder {path} does not exist; `eigenbench generate` makes one."
+        msg = f"Data folder {path} {'is not a folder' if path.exists() else 'does not exist'}; " + _HOW
         raise DataError(msg)
     if (path / MANIFEST).is_file():
         return [path]
@@ -123,7 +137,7 @@ def only_split(path: Path) -> Path:
 
 def _no_manifest(folder: Path) -> str:
     if not folder.is_dir():
-        return f"Data folder {folder} does not exist; `eigenbench generate` makes one."
+        return f"Data folder {folder} {'is not a folder' if folder.exists() else 'does not exist'}; " + _HOW
     if list(folder.glob("inputs-*.h5")):
         return f"{folder} is not finished (no {MANIFEST}); run the same `eigenbench generate` command again."
     return f"{folder} holds no {MANIFEST}, so it is not a data folder; `eigenbench generate` makes one."

@@ -1,7 +1,7 @@
 """The model's process: locks itself in, loads the model file, answers batches of clouds until told to stop.
 
 Started by `eigenbench.hosting` as `python -P -m eigenbench.model_host READ_FD WRITE_FD`. It is given
-clouds and nothing else: no label, no path of the data, no order, no seed.
+clouds and the task's name: no label, no order, no seed.
 """
 
 import importlib.util

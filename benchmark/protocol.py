@@ -65,16 +65,16 @@ class Channel:
                 except BrokenPipeError as error:
                     raise ChannelClosed from error
 
-    def receive(self, timeout: float | None = None) -> tuple[Header, bytearray]:
-        """Return the next frame's header and body."""
+    def receive(self, timeout: float | None = None, limit: int = _BODY_MAX) -> tuple[Header, bytearray]:
+        """Return the next frame's header and body; BadFrame if the body has more than `limit` bytes."""
         end = _deadline(timeout)
         header_size, body_size = _PREFIX.unpack(self._read(_PREFIX.size, end))
-        if header_size > _HEADER_MAX or body_size > _BODY_MAX:
+        if header_size > _HEADER_MAX or body_size > limit:
             msg = f"a frame of {header_size} + {body_size} bytes"
             raise BadFrame(msg)
         try:
             header = json.loads(bytes(self._read(header_size, end)))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             msg = "a frame whose header is not JSON"
             raise BadFrame(msg) from error
         if not isinstance(header, dict):
@@ -85,6 +85,8 @@ class Channel:
     def _read(self, size: int, end: float | None) -> bytearray:
         data = bytearray()
         while len(data) < size:
+            if end is not None and time.monotonic() > end:
+                raise ChannelTimeout
             _wait(self._read_fd, select.POLLIN, end)
             try:
                 chunk = os.read(self._read_fd, min(_CHUNK, size - len(data)))
@@ -135,7 +137,7 @@ def unpack_arrays(listed: Any, body: bytearray) -> "Arrays":
             values = np.frombuffer(body, dtype, count, offset)
             arrays[str(name)] = values.reshape(shape)
             offset += values.nbytes
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         msg = "a frame whose arrays do not match its bytes"
         raise BadFrame(msg) from error
     if offset != len(body):

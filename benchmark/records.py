@@ -15,6 +15,7 @@ Arrays = dict[str, NDArray[Any]]
 
 ENGINES = ("fast", "fcl")
 PROTOCOLS = ("exact", "sampled")
+MAX_PAIRS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +47,15 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be generated."""
+        if not all(isinstance(getattr(self, k), int) for k in ("pairs", "seed")):
+            msg = f"Pairs and seed must be integers, got {self.pairs!r} and {self.seed!r}."
+            raise UsageError(msg)
         find_task(self.task)
         choose("split", self.split, SPLITS)
         choose("engine", self.engine, ENGINES)
         choose("protocol", self.protocol, PROTOCOLS)
-        if self.pairs < 1:
-            msg = f"Number of pairs is {self.pairs}; it must be at least 1."
+        if not 1 <= self.pairs <= MAX_PAIRS:
+            msg = f"Number of pairs is {self.pairs}; it must be at least 1 and at most {MAX_PAIRS:,}."
             raise UsageError(msg)
         if not 0 <= self.seed < 2**63:
             msg = f"Seed is {self.seed}; it must be from 0 to 2^63 - 1."

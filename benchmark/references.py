@@ -65,6 +65,8 @@ def calibrated_decision(measured: Measured, label: NDArray[np.bool_], task: Task
     half = np.arange(len(label)) % 2 == 0
     decisions = np.zeros(len(label), dtype=bool)
     for own in (half, ~half):
+        if own.all():  # a single pair has no other half: its lengths stay as they are
+            return measured_decision(measured, task)
         env, obj, truth = measured.env_lengths[~own], measured.obj_lengths[~own], label[~own]
         right = [np.mean(decide(env, obj * factor, task.clauses) == truth) for factor in factors]
         best = factors[int(np.argmax(right))]

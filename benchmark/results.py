@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.answers import BadAnswer, check_answer, read_groups
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError
 from eigenbench.records import Arrays, Groups
@@ -17,6 +18,17 @@ from eigenbench.shards import publish, temporary_beside, write_text_atomically
 
 RESULT, PREDICTIONS = "result.json", "predictions.npz"
 RESULT_VERSION = 1
+
+_UNREADABLE = (
+    OSError,
+    EOFError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+    zipfile.BadZipFile,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +62,7 @@ def write_run(folder: Path, predictions: Predictions, pair_id: NDArray[np.uint64
         groups = np.array(json.dumps(predictions.groups))
         np.savez(handle, allow_pickle=False, **{"groups": groups, "pair_id": pair_id, **predictions.arrays})
     publish(temporary, path)
-    write_text_atomically(folder / RESULT, json.dumps(result, indent=1) + "\n")
+    write_text_atomically(folder / RESULT, json.dumps(result, indent=1, allow_nan=False) + "\n")
 
 
 def predictions_digest(predictions: Predictions) -> str:
@@ -72,9 +84,10 @@ def read_run(folder: Path, dataset: Dataset) -> Run:
         version = result.get("result_version")
         with np.load(folder / PREDICTIONS, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in stored.files}
-        groups = json.loads(str(arrays.pop("groups")))
+        groups = read_groups(json.loads(str(arrays.pop("groups"))))
         pair_id = arrays.pop("pair_id")
-    except (OSError, ValueError, KeyError, AttributeError, zipfile.BadZipFile) as error:
+        _ = result["model"]["file"], result["isolation"]["level"], result["data"]["digest"], result["scores"]
+    except (*_UNREADABLE, BadAnswer) as error:
         msg = f"{folder} cannot be read as a run: {error}. Evaluate the model again."
         raise DataError(msg) from error
     if version != RESULT_VERSION:
@@ -83,7 +96,12 @@ def read_run(folder: Path, dataset: Dataset) -> Run:
     if not np.array_equal(pair_id, dataset.column("pair_id")):
         msg = f"The predictions in {folder} were not made for {dataset.folder}: their pair ids differ."
         raise DataError(msg)
-    predictions = Predictions(arrays, None if groups is None else tuple(tuple(g) for g in groups))
+    try:
+        check_answer(arrays, groups, len(dataset))
+    except BadAnswer as error:
+        msg = f"{folder / PREDICTIONS} {error}. Evaluate the model again."
+        raise DataError(msg) from error
+    predictions = Predictions(arrays, groups)
     if predictions_digest(predictions) != result.get("predictions_digest"):
         msg = f"{folder / PREDICTIONS} was changed after its {RESULT} was written: the digests differ."
         raise DataError(msg)

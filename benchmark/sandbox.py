@@ -1,8 +1,10 @@
 """Locking a process in, from inside: resource limits, namespaces without network, the kernel's Landlock.
 
-Levels, each including the one before: none < rlimits < landlock. Standard library only: a network
-namespace can be entered only before the first thread, so before numpy. A sandbox is no proof against
-an attack on the kernel itself, and the level that was reached is part of every result.
+Levels, each including the one before: none < rlimits < landlock (with no network, and where the machine
+has them a process namespace and a filter of system calls). Standard library only: a namespace can be
+entered only before the first thread, so before numpy. Memory is limited per process, files in size and
+not in sum. A sandbox is no proof against an attack on the kernel itself, and what was reached is part of
+every result.
 
 References: landlock(7), unshare(2), setrlimit(2), prctl(2).
 """
@@ -18,6 +20,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from eigenbench.syscalls import filter_syscalls
+
 LEVELS = ("none", "rlimits", "landlock")
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -25,7 +29,7 @@ _PATH_BENEATH = 1
 _EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
 _FS_RIGHTS_BY_ABI = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 5: (1 << 16) - 1}
 _FILE_RIGHTS = _EXECUTE | _WRITE_FILE | _READ_FILE | 1 << 14 | 1 << 15
-_CLONE_NEWUSER, _CLONE_NEWPID, _CLONE_NEWNET = 0x10000000, 0x20000000, 0x40000000
+_CLONE_NEWIPC, _CLONE_NEWUSER, _CLONE_NEWPID, _CLONE_NEWNET = 0x08000000, 0x10000000, 0x20000000, 0x40000000
 _PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
 _SIGKILL = 9
 
@@ -47,7 +51,7 @@ _READABLE = (
     "/sys/devices/system/node",
 )
 _DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom")
-_GPU_READABLE = ("/proc/driver", "/sys/class", "/sys/bus/pci", "/sys/devices", "/dev/shm", "/proc/self")
+_GPU_READABLE = ("/proc/driver", "/sys/class", "/sys/bus/pci", "/sys/devices", "/dev/shm")
 
 _libc: Any = ctypes.CDLL(None, use_errno=True)
 
@@ -66,7 +70,13 @@ def enter(order: dict[str, Any]) -> dict[str, Any]:
     of `readable_paths`), `writable` (one folder) and `device`.
     """
     asked = order["isolation"]
-    reached: dict[str, Any] = {"level": "none", "network": "open", "processes": "open", "landlock_abi": 0}
+    reached: dict[str, Any] = {
+        "level": "none",
+        "network": "open",
+        "processes": "open",
+        "syscalls": "open",
+        "landlock_abi": 0,
+    }
     _die_with_parent()
     if asked == "none":
         return reached
@@ -83,6 +93,8 @@ def enter(order: dict[str, Any]) -> dict[str, Any]:
     abi = landlock_abi()
     if abi:
         denies_tcp = _landlock(abi, order)
+        if filter_syscalls(_libc):
+            reached["syscalls"] = "filtered"
         reached["landlock_abi"] = abi
         if reached["network"] == "open" and denies_tcp:
             reached["network"] = "no TCP"
@@ -120,7 +132,7 @@ def _leave_namespaces() -> int:
     """
     if not sys.platform.startswith("linux"):
         return 0
-    both = _CLONE_NEWNET | _CLONE_NEWPID
+    both = _CLONE_NEWNET | _CLONE_NEWPID | _CLONE_NEWIPC
     tries = (_CLONE_NEWUSER | both, both, _CLONE_NEWUSER | _CLONE_NEWNET, _CLONE_NEWNET)
     return next((flags for flags in tries if _libc.unshare(flags) == 0), 0)
 
@@ -183,12 +195,16 @@ def readable_paths(roots: Iterable[str], hidden: list[Path]) -> list[tuple[str, 
     """
     rules: list[tuple[str, bool]] = []
     for root in roots:
-        path = Path(root).resolve()
-        if not path.exists() or any(path.is_relative_to(h) for h in hidden):
+        try:
+            path = Path(root).resolve(strict=True)
+        except (OSError, RuntimeError):  # it does not exist, or is a link to itself
+            continue
+        if any(path.is_relative_to(h) for h in hidden):
             continue
         if path.is_dir() and any(h.is_relative_to(path) for h in hidden):
             rules.append((str(path), True))
-            rules += readable_paths([str(entry) for entry in path.iterdir()], hidden)
+            inside = [str(entry) for entry in path.iterdir() if not entry.is_symlink()]
+            rules += readable_paths(inside, hidden)  # what a link leads to is opened where it lies, or not at all
         else:
             rules.append((str(path), False))
     return rules

@@ -9,7 +9,8 @@ import json
 import os
 import platform
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -105,14 +106,24 @@ def _is_alive(pid: int) -> bool:
 
 def read_about(path: Path) -> dict[str, Any]:
     """Return what the writer noted about a shard: its recipe and audit, and its `digest`."""
-    with _open(path) as h5:
+    with _open(path) as h5, _damage_named(path):
         return {**json.loads(_attribute(h5, path, "about")), "digest": _attribute(h5, path, "digest")}
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    """Turn whatever h5py and json raise on damaged bytes into a DataError that names the file."""
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError, MemoryError) as error:
+        msg = f"Shard {path} is damaged: {' '.join(str(error).split())[:200]}; {REBUILD}."
+        raise DataError(msg) from error
 
 
 def read_shard(path: Path, file: str, task: TaskSpec, names: Iterable[str] | None = None) -> Arrays:
     """Read the datasets of one shard file; DataError names the file, the field and the rule."""
     wanted = None if names is None else set(names)
-    with _open(path) as h5:
+    with _open(path) as h5, _damage_named(path):
         arrays = {}
         rows: int | None = None
         for field in fields_of(file):
@@ -134,7 +145,10 @@ def _open(path: Path) -> h5py.File:
     except OSError as error:
         msg = f"Shard {path} cannot be opened: it is truncated or not an HDF5 file; {REBUILD}."
         raise DataError(msg, detail=str(error)) from error
-    version = h5.attrs.get("format_version")
+    try:
+        version = h5.attrs.get("format_version")
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError):
+        version = "unreadable"
     if version != FORMAT_VERSION:
         h5.close()
         msg = f"Shard {path} has format version {version}, this eigenbench reads {FORMAT_VERSION}."
@@ -153,11 +167,7 @@ def _read_field(h5: h5py.File, path: Path, field: Field) -> NDArray[Any]:
     if field.name not in h5:
         msg = f"Shard {path} lacks its dataset '{field.name}'; {REBUILD}."
         raise DataError(msg)
-    try:
-        return np.asarray(h5[field.name][()])
-    except OSError as error:
-        msg = f"Shard {path}, dataset '{field.name}' cannot be read: the file is damaged; {REBUILD}."
-        raise DataError(msg, detail=str(error)) from error
+    return np.asarray(h5[field.name][()])
 
 
 def _check_field(path: Path, field: Field, values: NDArray[Any], shape: tuple[int, ...]) -> None:
@@ -176,7 +186,7 @@ def map_rows(path: Path, file: str, task: TaskSpec, names: Iterable[str]) -> Arr
     and no open handle, safe after a fork. Compressed ones are read whole.
     """
     arrays: Arrays = {}
-    with _open(path) as h5:
+    with _open(path) as h5, _damage_named(path):
         for name in names:
             dataset = h5.get(name)
             offset = None if dataset is None else dataset.id.get_offset()

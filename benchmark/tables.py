@@ -9,7 +9,7 @@ from rich.table import Table
 
 from eigenbench.checking import Finding
 
-_console = Console(highlight=False, soft_wrap=True)
+_console = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -21,13 +21,13 @@ def _table(title: str, *columns: str) -> Table:
 
 def _percent(interval: dict[str, Any] | None) -> str:
     if interval is None or interval["value"] is None:
-        return "not provided"
+        return "not provided" if interval is None else "undefined"
     return f"{interval['value']:.2%} [{interval['low']:.2%}, {interval['high']:.2%}]"
 
 
 def _number(interval: dict[str, Any] | None) -> str:
     if interval is None or interval["value"] is None:
-        return "not provided"
+        return "not provided" if interval is None else "undefined"
     return f"{interval['value']:.4f} [{interval['low']:.4f}, {interval['high']:.4f}]"
 
 

@@ -17,8 +17,6 @@ class TaskSpec:
     lengths : names of the S' human lengths, in the order of every (n, S') array
     clauses : indices of the lengths that must all be long enough, one tuple per clause;
         one satisfied clause is enough
-    shape_role : what the library supplies as the object
-    env_is_primitive : every environment is drawn afresh, so that no environment shape is shared by pairs
     """
 
     name: str
@@ -26,8 +24,6 @@ class TaskSpec:
     slots: int
     lengths: tuple[str, ...]
     clauses: tuple[tuple[int, ...], ...]
-    shape_role: str = "object"
-    env_is_primitive: bool = False
 
 
 TASKS: dict[str, TaskSpec] = {
@@ -37,7 +33,6 @@ TASKS: dict[str, TaskSpec] = {
         slots=2,
         lengths=("width", "height"),
         clauses=((0, 1),),
-        env_is_primitive=True,
     ),
 }
 """Every task that can be generated and evaluated, by name."""

@@ -5,6 +5,7 @@ pairs and asks FCL about each of them.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from eigenbench.shard_format import (
     round_to,
     shard_name,
 )
-from eigenbench.shards import read_shard
+from eigenbench.shards import REBUILD, read_about, read_shard
 
 Progress = Callable[[str, int, int], None]
 Bools = NDArray[np.bool_]
@@ -55,9 +56,6 @@ def _verify_split(folder: Path, progress: Progress | None) -> Manifest:
     if extra := {p.name for p in folder.glob("*.h5")} - expected:
         msg = f"{folder} holds {min(extra)}, which its manifest does not list."
         raise DataError(msg)
-    if sum(s.pairs for s in manifest.shards) != manifest.recipe.pairs:
-        msg = f"{folder}: the shards of its manifest do not add up to {manifest.recipe.pairs} pairs."
-        raise DataError(msg)
     seen: set[int] = set()
     done = 0
     for index, entry in enumerate(manifest.shards):
@@ -69,9 +67,10 @@ def _verify_split(folder: Path, progress: Progress | None) -> Manifest:
             if content_digest(file, arrays[file]) != digest:
                 msg = (
                     f"Shard {shard}: its content has another digest than the manifest's {digest[:12]}; "
-                    "`eigenbench verify --deep` finds the row, generating again mends it."
+                    f"`eigenbench verify --deep` names the row; {REBUILD}."
                 )
                 raise DataError(msg)
+        _check_recipe(folder / shard_name("targets", index), manifest)
         _check_counts(folder / shard_name("targets", index), arrays["targets"], entry.pairs, entry.positives)
         ids = arrays["inputs"]["pair_id"].tolist()
         if len(seen | set(ids)) != len(seen) + len(ids):
@@ -82,6 +81,12 @@ def _verify_split(folder: Path, progress: Progress | None) -> Manifest:
         if progress:
             progress(manifest.recipe.split, done, manifest.recipe.pairs)
     return manifest
+
+
+def _check_recipe(shard: Path, manifest: Manifest) -> None:
+    if read_about(shard).get("recipe") != asdict(manifest.recipe):
+        msg = f"Shard {shard} was made by another recipe than its manifest's; {REBUILD}."
+        raise DataError(msg)
 
 
 def _check_counts(shard: Path, targets: Arrays, pairs: int, positives: int) -> None:

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,19 +35,22 @@ from eigenbench.tasks import SPLITS, find_task
 FULL_SIZE = {"train": 75_000, "test": 20_000}
 """Pairs of each split, as in the paper."""
 
+MAX_PATH = 900
+
 Progress = Callable[[str, int, int], None]
 """Called with (split, pairs done, pairs in all)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShardJob:
-    """What a worker needs to make one shard."""
+    """What a worker needs to make one shard; `expected` is what a finished split's manifest says of it."""
 
     recipe: Recipe
     library: Path
     folder: Path
     index: int
     pairs: int
+    expected: ShardEntry | None = None
 
     @property
     def first(self) -> int:
@@ -85,9 +87,9 @@ def generate(
 ) -> dict[Path, Manifest]:
     """Generate the splits of a task into `<out>/<task>/<split>/` and return their manifests by folder.
 
-    A split that is already there with the same recipe is left as it is; an unfinished one goes on
-    where it stopped. `workers` defaults to the number of usable cores. Everything about the pairs is
-    decided by the recipe, so neither workers nor interruptions change a byte.
+    A split that is already there with the same recipe is hashed, and mended where it is damaged; an
+    unfinished one goes on where it stopped. `workers` defaults to the number of usable cores. The recipe
+    decides everything about the pairs, so neither workers nor interruptions change a byte.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def generate(
     kind, _ = parse_source(shapes)
     plans = []
     for name in names:
-        size = FULL_SIZE.get(name, 1) if pairs is None else pairs
+        size = FULL_SIZE[name] if pairs is None else pairs
         recipe = Recipe(task, name, size, seed, protocol, engine, audit, kind)
         library = load_library(shapes, name)
         recipe = replace(recipe, shapes_digest=library.digest)
@@ -116,42 +118,48 @@ def generate(
 
 def _check_folder(folder: Path, recipe: Recipe) -> None:
     """Refuse a folder that holds another recipe, finished or not; nothing in it is touched."""
+    if len(str(folder)) > MAX_PATH:
+        msg = f"Output folder {str(folder)[:80]}... has {len(str(folder))} characters; at most {MAX_PATH} work."
+        raise UsageError(msg)
     if (folder / MANIFEST).is_file():
         found = read_manifest(folder).recipe
     else:
         started = sorted(folder.glob("targets-*.h5")) if folder.is_dir() else []
-        abouts = (_about_or_none(path) for path in started)
-        found = next((Recipe(**about["recipe"]) for about in abouts if about), recipe)
+        found = next((r for r in map(_recipe_of, started) if r is not None), recipe)
     if differences := recipe.differences(found):
         msg = f"{folder} holds another recipe: {'; '.join(differences)}. Choose another --out or remove it."
         raise UsageError(msg)
 
 
-def _about_or_none(path: Path) -> dict[str, Any] | None:
+def _recipe_of(targets: Path) -> Recipe | None:
+    """Return the recipe that a targets file was made by; None if it is missing or damaged."""
     try:
-        return read_about(path)
-    except DataError:
+        return Recipe(**read_about(targets)["recipe"])
+    except (DataError, UsageError, KeyError, TypeError):
         return None
 
 
 def _generate_split(
     folder: Path, recipe: Recipe, library: Library, source: str, workers: int, progress: Progress | None
 ) -> Manifest:
-    if (folder / MANIFEST).is_file():
-        if progress:
-            progress(recipe.split, recipe.pairs, recipe.pairs)
-        return read_manifest(folder)
+    finished = read_manifest(folder) if (folder / MANIFEST).is_file() else None
     _make_folder(folder)
     remove_leftovers(folder)
-    jobs = [ShardJob(recipe, library.path, folder, index, size) for index, size in enumerate(shard_sizes(recipe.pairs))]
+    jobs = [
+        ShardJob(recipe, library.path, folder, index, size, finished.shards[index] if finished else None)
+        for index, size in enumerate(shard_sizes(recipe.pairs))
+    ]
     done: dict[int, ShardDone] = {}
-    finished = 0
+    pairs = 0
     warm_up(jobs[0])
     for shard in run_jobs(make_shard, jobs, workers):
         done[shard.index] = shard
-        finished += shard.entry.pairs
+        pairs += shard.entry.pairs
         if progress:
-            progress(recipe.split, finished, recipe.pairs)
+            progress(recipe.split, pairs, recipe.pairs)
+    _check_together(folder, recipe, [done[k].entry for k in range(len(jobs))])
+    if finished:
+        return finished
     manifest = Manifest(
         recipe=recipe,
         shards=tuple(done[k].entry for k in range(len(jobs))),
@@ -163,6 +171,15 @@ def _generate_split(
     )
     write_manifest(folder, manifest)
     return manifest
+
+
+def _check_together(folder: Path, recipe: Recipe, entries: list[ShardEntry]) -> None:
+    """Refuse to call a split finished if another run wrote into its folder meanwhile."""
+    for index, entry in enumerate(entries):
+        path = folder / shard_name("targets", index)
+        if _recipe_of(path) != recipe or read_about(path)["digest"] != entry.targets:
+            msg = f"Another run wrote {path} meanwhile. Give each recipe its own --out, and run again."
+            raise GenerationError(msg)
 
 
 def _make_folder(folder: Path) -> None:
@@ -198,6 +215,9 @@ def make_shard(job: ShardJob) -> ShardDone:
         return found
     library = cached_library(job.library)
     inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
+    if _recipe_of(job.path("targets")) not in (None, job.recipe):
+        msg = f"{job.path('targets')} has another recipe: another run uses the folder. Choose another --out."
+        raise UsageError(msg)
     counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
     if troubles:
         msg = (
@@ -213,6 +233,12 @@ def make_shard(job: ShardJob) -> ShardDone:
     }
     targets_digest = write_shard(job.path("targets"), "targets", targets, about)
     entry = ShardEntry(job.pairs, int(targets["label"].sum()), inputs_digest, targets_digest)
+    if job.expected not in (None, entry):
+        msg = (
+            f"Shard {job.index} of {job.folder} was damaged, and made again it differs from what the manifest says. "
+            "Other library versions give other bytes; use those that the manifest names."
+        )
+        raise GenerationError(msg)
     return ShardDone(job.index, entry, counts)
 
 
@@ -225,15 +251,15 @@ def _finished(job: ShardJob) -> ShardDone | None:
         inputs = read_shard(job.path("inputs"), "inputs", task)
         whole = (
             Recipe(**about["recipe"]) == job.recipe
+            and len(targets["label"]) == job.pairs
             and about["digest"] == content_digest("targets", targets)
             and about["inputs_digest"] == content_digest("inputs", inputs)
         )
-    except (DataError, KeyError, TypeError):
+        entry = ShardEntry(job.pairs, int(targets["label"].sum()), about["inputs_digest"], about["digest"])
+        audit = Audit(**about["audit"])
+    except (DataError, UsageError, KeyError, TypeError):
         return None
-    if not whole or len(targets["label"]) != job.pairs:
-        return None
-    entry = ShardEntry(job.pairs, int(targets["label"].sum()), about["inputs_digest"], about["digest"])
-    return ShardDone(job.index, entry, Audit(**about["audit"]))
+    return ShardDone(job.index, entry, audit) if whole and job.expected in (None, entry) else None
 
 
 def build_rows(recipe: Recipe, library: Library, first: int, count: int) -> tuple[Arrays, Arrays, NDArray[np.int64]]:

@@ -1,5 +1,6 @@
 """The shapes of one split, normalised and packed for the kernels; built once, cached on disk."""
 
+import contextlib
 import hashlib
 import json
 from collections import Counter
@@ -18,13 +19,13 @@ from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.shapes import COUNTS, Shape, make_shape
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
-from eigenbench.shards import publish, temporary_beside
+from eigenbench.shards import publish, temporary_beside, write_text_atomically
 
 VERTEX_BITS = 26
 """Normalised vertices lie on a grid of 2^-26, so that a last-bit difference changes no byte."""
 FLAT = 1e-6
 """A shape is refused as flat if its hull's volume is below this share of its enclosing ball's."""
-_NAME_BYTES = 96
+_NAME_BYTES, _CATEGORY_BYTES = 96, 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +72,11 @@ def load_library(source: str, split: str) -> Library:
         return _pack(*load_objects(folder, split))
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{split}"
     if note.is_file():
-        stored = Path(note.read_text())
-        try:
-            return open_library(stored)
-        except DataError:
-            stored.unlink(missing_ok=True)
+        with contextlib.suppress(DataError):
+            return open_library(note.parent / Path(note.read_text()).name)
     shapes = [make_shape(c, i) for c, count in sorted(COUNTS[split].items()) for i in range(count)]
     library = _pack(shapes, {})
-    temporary = temporary_beside(note)
-    temporary.write_text(str(library.path))
-    temporary.replace(note)
+    write_text_atomically(note, library.path.name)
     return library
 
 
@@ -121,17 +117,19 @@ def normalise(shape: Shape) -> _Packed:
     ShapeError if the shape has no area or is flat.
     """
     vertices, faces = shape.mesh.vertices, shape.mesh.faces
-    spread = float(np.ptp(vertices, axis=0).max())
-    if spread == 0.0:
-        msg = "has zero size: all its vertices coincide"
+    with np.errstate(over="ignore"):
+        spread = float(np.ptp(vertices, axis=0).max())
+    if not 0.0 < spread < np.inf or not np.isfinite(1.0 / spread):
+        msg = f"has a size of {spread:g}: its vertices coincide, or are too far apart to compute with"
         raise ShapeError(msg)
+    vertices = (vertices - vertices.min(axis=0)) / spread
     try:
-        hull = ConvexHull(vertices / spread)
+        hull = ConvexHull(vertices)
     except QhullError as error:
         msg = "is flat: its vertices lie in one plane or line"
         raise ShapeError(msg) from error
     centre, radius = enclosing_ball(vertices[hull.vertices])
-    if hull.volume * spread**3 < FLAT * 4 / 3 * np.pi * radius**3:
+    if hull.volume < FLAT * 4 / 3 * np.pi * radius**3:
         msg = "is flat: its convex hull has no volume"
         raise ShapeError(msg)
     unit = round_to((vertices - centre) / (2 * radius), VERTEX_BITS)
@@ -159,7 +157,7 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         name, reason = next(iter(refused.items()))
         msg = f"No shape can be used; {name}: {reason}."
         raise ShapeError(msg)
-    categories = np.array([s.category.encode() for s in kept], dtype="S32")
+    categories = np.array([_short(s.category, _CATEGORY_BYTES) for s in kept], dtype=f"S{_CATEGORY_BYTES}")
     surface = Surface(
         np.concatenate([p.triangles for p in packed]),
         np.concatenate([p.keep for p in packed]),
@@ -169,19 +167,20 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         _starts([len(p.hull) for p in packed]),
         _starts([n for _, n in sorted(Counter(categories.tolist()).items())]),
     )
-    return _store(surface, np.array([_short(s) for s in kept], dtype=f"S{_NAME_BYTES}"), categories, refused)
-
-
-def _short(shape: Shape) -> bytes:
-    """Return `category/name` in at most 96 bytes; a longer one ends in a digest of the whole."""
-    name = f"{shape.category}/{shape.name}".encode()
-    if len(name) <= _NAME_BYTES:
-        return name
-    return (
-        name[: _NAME_BYTES - 17].decode(errors="ignore").encode()
-        + b"~"
-        + hashlib.sha256(name).hexdigest()[:16].encode()
+    return _store(
+        surface,
+        np.array([_short(f"{s.category}/{s.name}", _NAME_BYTES) for s in kept], dtype=f"S{_NAME_BYTES}"),
+        categories,
+        refused,
     )
+
+
+def _short(text: str, size: int) -> bytes:
+    """Return a name in at most `size` bytes of UTF-8; a longer one ends in a digest of the whole."""
+    name = text.encode(errors="replace")
+    if len(name) <= size:
+        return name
+    return name[: size - 17].decode(errors="ignore").encode() + b"~" + hashlib.sha256(name).hexdigest()[:16].encode()
 
 
 def _starts(counts: list[int]) -> NDArray[np.int64]:
@@ -217,7 +216,7 @@ def open_library(path: Path) -> Library:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories")}
             refused = json.loads(str(stored["refused"]))
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
         raise DataError(msg) from error
     digest = _digest(arrays)

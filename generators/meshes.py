@@ -53,6 +53,9 @@ def load_objects(folder: Path, split: str) -> tuple[list[Shape], dict[str, str]]
         raise ShapeError(msg)
     shapes, refused = [], {}
     for category, path in wanted:
+        if sum((category, path.name) == (c, p.name) for c, p in wanted) > 1:
+            refused[f"{path.parent.name}/{path.name}"] = f"another folder spelt like '{category}' holds the same name"
+            continue
         try:
             shapes.append(Shape(category, path.name, read_mesh(path)))
         except ShapeError as error:
@@ -75,7 +78,7 @@ def split_of(category: str, name: str) -> str:
 def _object_files(folder: Path) -> list[tuple[str, Path]]:
     """Return (category, file) of every object mesh below a folder, sorted."""
     if not folder.is_dir():
-        msg = f"Shape folder {folder} does not exist."
+        msg = f"Shape folder {folder} {'is not a folder' if folder.exists() else 'does not exist'}."
         raise ShapeError(msg)
     sorted_out = (folder / "object").is_dir()
     root = folder / "object" if sorted_out else folder
@@ -110,6 +113,9 @@ def read_mesh(path: Path) -> Mesh:
         raise ShapeError(msg) from error
     if len(faces) == 0:
         msg = "has no faces"
+        raise ShapeError(msg)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        msg = f"has a face with vertex {int(faces.max())}, but only {len(vertices)} vertices"
         raise ShapeError(msg)
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)

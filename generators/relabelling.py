@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.errors import DataError
 from eigenbench.generators.fcl_engine import TubePassage
 from eigenbench.generators.library import Library
 from eigenbench.generators.philox import AUDIT, key_of, uniform
@@ -37,16 +36,6 @@ def candidates_of(recipe: Recipe, pair: int, width: float, height: float) -> Poi
     guided = [[0.0, 0.0, 0.0]] if recipe.protocol == "exact" else []
     sampled = [[0.0, *candidate(key, pair, i, width, height)] for i in range(1, CANDIDATES + 1)]
     return np.array(guided + sampled)
-
-
-def shape_indices(library: Library, names: NDArray[np.bytes_]) -> NDArray[np.int64]:
-    """Return the library index of each shape name; DataError names one that the library lacks."""
-    index = {name: k for k, name in enumerate(library.names.tolist())}
-    try:
-        return np.array([index[name] for name in names.tolist()], dtype=np.int64)
-    except KeyError as error:
-        msg = f"Shape {error.args[0].decode()!r} of this data is not in the shape library; pass the same --shapes."
-        raise DataError(msg) from error
 
 
 def passage_of(library: Library, shape: int, targets: Arrays, row: int) -> TubePassage:
@@ -97,6 +86,8 @@ def audit(
     """
     troubles: list[str] = []
     audited = [row for row in range(len(shapes)) if is_audited(recipe, first + row)]
+    if recipe.audit > 0 and not audited:  # every shard has its check, however small
+        audited = [int(uniform(key_of(recipe), first, AUDIT, 1) * len(shapes))]
     for row in audited:
         again = relabel(recipe, library, int(shapes[row]), first + row, targets, row)
         if said := disagreement(recipe, targets, row, again):

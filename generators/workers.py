@@ -29,7 +29,7 @@ def worker_count(asked: int | None) -> int:
 def run_jobs(function: Callable[[Job], Done], jobs: Sequence[Job], workers: int) -> Iterator[Done]:
     """Yield `function(job)` for every job, in the order in which they finish.
 
-    One worker runs in this process. However the iteration ends, no worker outlives it. GenerationError
+    With a single worker all runs in this process. However the iteration ends, no worker outlives it. GenerationError
     if a worker dies.
     """
     workers = min(workers, len(jobs))

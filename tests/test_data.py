@@ -14,7 +14,7 @@ from eigenbench.generators.deep import verify_deep
 from eigenbench.generators.generation import generate
 from eigenbench.manifest import ShardEntry, read_manifest, write_manifest
 from eigenbench.shard_format import FIELDS, FILES, content_digest, fields_of, round_to, shard_sizes, zero_rows
-from eigenbench.shards import read_shard, write_shard
+from eigenbench.shards import read_about, read_shard, write_shard
 from eigenbench.tasks import TASKS
 
 TUBE = TASKS["tube"]
@@ -165,7 +165,7 @@ def damage(folder, file, name, change):
     path = folder / f"{file}-00000.h5"
     arrays = read_shard(path, file, TUBE)
     change(arrays[name])
-    digest = write_shard(path, file, arrays, {})
+    digest = write_shard(path, file, arrays, read_about(path))
     manifest = read_manifest(folder)
     entry = manifest.shards[0]
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}

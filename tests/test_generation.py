@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from eigenbench.manifest import read_manifest
 from eigenbench.shard_format import shard_name
 from eigenbench.shards import read_shard, write_shard
 from eigenbench.tasks import TASKS
+from eigenbench.verification import verify
 
 
 def digests(out: Path) -> dict[str, str]:
@@ -126,13 +128,54 @@ def test_damaged_shards_are_made_again(tmp_path):
     (folder / "manifest.json").unlink()
     cut = folder / "inputs-00001.h5"
     cut.write_bytes(cut.read_bytes()[:1_000_000])
-    targets = read_shard(folder / "targets-00002.h5", "targets", TASKS["tube"])
-    targets["label"][5] ^= True
-    write_shard(folder / "targets-00002.h5", "targets", targets, {"recipe": {}})
+    with h5py.File(folder / "targets-00002.h5", "r+") as h5:
+        h5["label"][5] = not h5["label"][5]
     kept = (folder / "inputs-00000.h5").stat().st_mtime_ns
     generate("tube", "test", 6000, tmp_path, workers=1)
     assert digests(tmp_path) == before
     assert (folder / "inputs-00000.h5").stat().st_mtime_ns == kept
+
+
+def test_a_finished_split_is_mended(tmp_path):
+    """The same call again makes what is damaged or missing anew, and keeps the manifest."""
+    generate("tube", "test", 6000, tmp_path, workers=1)
+    folder = tmp_path / "tube" / "test"
+    manifest = (folder / "manifest.json").stat().st_mtime_ns
+    (folder / "targets-00000.h5").unlink()
+    cut = folder / "inputs-00001.h5"
+    cut.write_bytes(cut.read_bytes()[:-1000])
+    bent = folder / "inputs-00002.h5"
+    inputs = read_shard(bent, "inputs", TASKS["tube"])
+    inputs["env_points"][3, 7, 0] += 2**-16
+    write_shard(bent, "inputs", inputs, {})
+    with pytest.raises(DataError):
+        verify(folder)
+    generate("tube", "test", 6000, tmp_path, workers=1)
+    verify(folder)
+    assert (folder / "manifest.json").stat().st_mtime_ns == manifest
+
+
+def test_two_recipes_at_once_do_not_mix(tmp_path):
+    """Two runs with different seeds on one folder: at most one ends well, and what it left verifies."""
+    calls = [f"generate('tube', 'test', 12_000, {str(tmp_path / 'o')!r}, seed={s}, workers=1)" for s in (1, 2)]
+    processes = []
+    for k, call in enumerate(calls):
+        (tmp_path / str(k)).mkdir()
+        processes.append(start(tmp_path / str(k), call))
+    printed = [p.communicate(timeout=120)[0] for p in processes]
+    good = [p.returncode == 0 for p in processes]
+    assert sum(good) <= 1
+    assert all(ok or "nother r" in text for ok, text in zip(good, printed, strict=True))
+    if any(good):
+        verify(tmp_path / "o")
+
+
+def test_every_shard_is_audited(tmp_path):
+    """Also a share too small for a single shard checks one pair of each; a share of 0 checks none."""
+    found = generate("tube", "test", 5100, tmp_path / "a", audit=1e-9, workers=1)
+    assert next(iter(found.values())).audit.relabelled == 3
+    found = generate("tube", "test", 20, tmp_path / "b", audit=0.0, workers=1)
+    assert next(iter(found.values())).audit.relabelled == 0
 
 
 def test_another_recipe_is_refused_and_nothing_touched(small, tmp_path):

@@ -145,6 +145,10 @@ needs_landlock = pytest.mark.skipif(landlock_abi() < 1, reason="this kernel has 
         "__import__('socket').create_connection(('127.0.0.1', {port}), 1)",
         "__import__('socket').socket(2, 2).sendto(b'x', ('127.0.0.1', {port}))",
         "__import__('subprocess').check_output(['/bin/cat', {secret!r}])",
+        "__import__('os').chmod({secret!r}, 0)",
+        "__import__('os').utime({secret!r})",
+        "__import__('socket').socket(1, 1).connect({socket!r})",
+        "__import__('ctypes').CDLL(None).shmget(0, 4096, 0o1600) < 0 and (_ for _ in ()).throw(PermissionError('denied'))",
     ],
 )
 def test_hostile_models_get_nothing(tmp_path, attempt):
@@ -154,17 +158,17 @@ def test_hostile_models_get_nothing(tmp_path, attempt):
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))
         server.listen()
-        attempt = attempt.format(
-            secret=str(secret), outside=str(tmp_path / "new"), parent=os.getpid(), port=server.getsockname()[1]
-        )
+        port = server.getsockname()[1]
+        names = {"secret": str(secret), "outside": str(tmp_path / "new"), "socket": str(tmp_path / "socket")}
+        reads = "open({secret" in attempt
+        attempt = attempt.format(**names, parent=os.getpid(), port=port)
         with pytest.raises(
             ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused|ProcessLookupError"
         ):
             answer(model(tmp_path, f"{attempt}; {GOOD}"))
     assert secret.read_text() == "the labels"
     assert not (tmp_path / "new").exists()
-    # The same attempt without isolation shows that it is the isolation that stops it (not for ptrace or kill).
-    if "secret" in attempt or "new" in attempt:
+    if reads:  # the same attempt without isolation shows that it is the isolation that stops it
         assert answer(model(tmp_path, f"{attempt}; {GOOD}"), isolation="none")[1]["level"] == "none"
 
 
@@ -429,3 +433,97 @@ def test_no_process_outlives_the_model(tmp_path, escape):
         pytest.skip("this machine allows no process namespace")
     time.sleep(0.2)
     assert not [p for p in Path("/proc").glob("[0-9]*/cmdline") if mark.encode() in p.read_bytes()]
+
+
+@pytest.mark.parametrize(
+    ("forged", "message"),
+    [
+        (
+            "c.send({'kind': 'error', 'phase': '\\x1b[2J\\nrun: all good', 'type': 'X', 'message': 'y' * 9000})",
+            "failed in",
+        ),
+        ("c.send({'kind': 'answer', 'arrays': [['probability', 'float64', [2**62, 2**62]]]})", "do not match"),
+        (
+            "c.send({'kind': 'answer', 'arrays': [['probability', 'float64', [24]]], 'groups': [[0]] * 10**5}, b'x' * 192)",
+            "groups",
+        ),
+        ("os.write(c._write_fd, struct.pack('<QQ', 10, 1 << 32))", "sent a frame of"),
+        ("os.write(c._write_fd, struct.pack('<QQ', 900000, 0) + b'[' * 900000 + b']' * 0)", "not JSON"),
+        ("c.send({'kind': 'ready'})", "sent a 'ready' instead of its 'answer'"),
+        ("c.send({'kind': '\\x1b]0;x'})", "instead of its 'answer'"),
+        ("os.kill(os.getpid(), 40)", "signal 40"),
+    ],
+)
+def test_forged_frames(tmp_path, forged, message):
+    """Whatever a model writes to the pipe itself, the harness answers with one printable line."""
+    body = (
+        "import gc, os, struct, time\nfrom eigenbench.protocol import Channel\n"
+        "class Model:\n    def predict(self, env, obj):\n"
+        "        c = next(o for o in gc.get_objects() if isinstance(o, Channel))\n"
+        f"        os.set_blocking(c._write_fd, True)\n        {forged}\n        time.sleep(60)\n"
+    )
+    with pytest.raises(ModelError, match=message) as failed:
+        answer(model(tmp_path, body), timeout=20.0)
+    assert str(failed.value).isprintable()
+    assert len(str(failed.value)) < 2500
+
+
+def test_a_model_cannot_name_itself(test_split, tmp_path):
+    """What a model says of itself does not reach the result's account of what was run."""
+    text = (
+        "import sys\nimport numpy as np\n"
+        "sys.modules['__main__']._capabilities = lambda m: {'digest': '0' * 64, 'file': 'famous.py', 'can': ['fit', 'fly']}\n"
+        "class Model:\n    def predict(self, env, obj):\n        return {'probability': np.full(len(env), 0.5)}\n"
+    )
+    done = eigenbench.evaluate(model(tmp_path, text), test_split, tmp_path / "run").result["model"]
+    assert done["file"] == "model.py"
+    assert done["digest"] != "0" * 64
+    assert done["can"] == ["fit"]
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("return {'env_lengths': np.ones((len(env), 65)), 'obj_lengths': np.ones((len(env), 65))}", "S from 1 to 64"),
+        ("return {'env_lengths': np.full((len(env), 2), 1e300), 'obj_lengths': np.ones((len(env), 2))}", "beyond 1e"),
+        (
+            "return {'env_lengths': np.ones((len(env), 2)), 'obj_lengths': np.ones((len(env), 2)), 'groups': [[0, 0]]}",
+            "lists of different slot numbers",
+        ),
+    ],
+)
+def test_answers_are_bounded(tmp_path, body, message):
+    """Too many slots, numbers too large, groups that repeat a slot: refused."""
+    with pytest.raises(ModelError, match=message):
+        answer(model(tmp_path, body))
+
+
+def test_deep_scratch_is_removed(tmp_path):
+    """Folders nested too deep for Python's own removal are removed all the same."""
+    body = "import os; [(os.mkdir('d'), os.chdir('d')) for _ in range(3000)]; " + GOOD
+    import tempfile
+
+    before = set(Path(tempfile.gettempdir()).glob("eigenbench-model-*"))
+    answer(model(tmp_path, body))
+    assert set(Path(tempfile.gettempdir()).glob("eigenbench-model-*")) <= before
+
+
+def test_options_are_checked_before_anything_runs(tmp_path, test_split):
+    """Limits that are no numbers, a missing checkpoint, a run folder that cannot be: refused at once."""
+    for options in (
+        {"timeout": float("inf")},
+        {"timeout": float("nan")},
+        {"memory_gib": float("nan")},
+        {"memory_gib": 1e12},
+    ):
+        with pytest.raises(UsageError, match="it must be"):
+            HostOptions(**options)
+    with pytest.raises(UsageError, match=r"Checkpoint nowhere.pt does not exist"):
+        HostOptions(checkpoint="nowhere.pt")
+    (tmp_path / "file").touch()
+    bad = model(tmp_path, "raise SystemError('it ran')")
+    for out in (tmp_path / "file", tmp_path / "file" / "x", tmp_path / ("n" * 300), Path("/proc/x")):
+        with pytest.raises(UsageError, match="cannot be made"):
+            eigenbench.evaluate(bad, test_split, out)
+    with pytest.raises(UsageError, match="holds the model itself"):
+        eigenbench.evaluate(bad, test_split, bad.parent)

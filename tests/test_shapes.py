@@ -180,7 +180,9 @@ def test_alias_table_gives_exact_shares():
 @pytest.mark.parametrize(
     ("vertices", "reason"),
     [
-        (np.zeros((3, 3)), "zero size"),
+        (np.zeros((3, 3)), "a size of 0: its vertices coincide"),
+        (np.array([[0.0, 0, 0], [1e308, 0, 0], [-1e308, 1, 0]]), "a size of inf"),
+        (np.array([[0.0, 0, 0], [1e-310, 0, 0], [0, 1e-310, 0]]), "a size of 1e-310"),
         (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
         (np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), "flat"),
     ],
