@@ -50,7 +50,10 @@ def main() -> None:
     except Exception as error:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
-        print("error: interrupted. What is finished is kept; the same command goes on.", file=sys.stderr)
+        print(
+            "error: interrupted. Finished shards are kept: the same `generate` goes on. An evaluation starts anew.",
+            file=sys.stderr,
+        )
     sys.exit(code)
 
 

@@ -31,8 +31,9 @@ REBUILD = "run the same `eigenbench generate` command again to rebuild it"
 def write_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
     """Write one shard file atomically and return its content digest.
 
-    `about` is stored as JSON in the attribute `about`, the digest in `digest`. GenerationError if
-    the disk is full or the folder cannot be written; nothing half-written stays.
+    `about` is stored as JSON in the attribute `about`, the digest in `digest`. A file that is there already
+    is kept if it has the same digest. GenerationError if it has another, the disk is full or the folder
+    cannot be written; nothing half-written stays.
     """
     digest = content_digest(file, arrays)
     temporary = temporary_beside(path)
@@ -43,13 +44,15 @@ def write_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) ->
             h5.attrs["format_version"] = FORMAT_VERSION
             h5.attrs["digest"] = digest
             h5.attrs["about"] = json.dumps(about, sort_keys=True)
-        publish(temporary, path)
+        publish(temporary, path, replace=False)
+    except FileExistsError as error:
+        if read_about(path)["digest"] != digest:
+            msg = f"Another run wrote {path} meanwhile. Give each recipe its own --out, and run again."
+            raise GenerationError(msg) from error
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise GenerationError(_write_trouble(path, error)) from error
-    except BaseException:
+    finally:
         temporary.unlink(missing_ok=True)
-        raise
     return digest
 
 
@@ -58,16 +61,30 @@ def temporary_beside(path: Path) -> Path:
     return path.with_name(f".{path.name}.{_HOST}-{os.getpid()}-{secrets.token_hex(4)}.tmp")
 
 
-def publish(temporary: Path, path: Path) -> None:
-    """Sync a finished temporary file and give it its name."""
+def publish(temporary: Path, path: Path, replace: bool = True) -> None:
+    """Sync a finished temporary file and give it its name; FileExistsError if taken and not to be replaced."""
     with temporary.open("rb") as handle:
         os.fsync(handle.fileno())
-    temporary.replace(path)
+    if replace or not _linked(temporary, path):
+        temporary.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def _linked(temporary: Path, path: Path) -> bool:
+    """Give a file a second name that must be free; False where the file system has no hard links."""
+    try:
+        path.hardlink_to(temporary)
+    except FileExistsError:
+        raise
+    except OSError as error:
+        if error.errno in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
+            return False
+        raise
+    return True
 
 
 def write_text_atomically(path: Path, text: str) -> None:

@@ -21,6 +21,7 @@ from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
 from eigenbench.records import Arrays, Audit, Recipe
 from eigenbench.shard_format import (
+    FILES,
     PAIRS_PER_SHARD,
     PRIMITIVE_SHAPE,
     REASONS,
@@ -177,7 +178,9 @@ def _check_together(folder: Path, recipe: Recipe, entries: list[ShardEntry]) -> 
     """Refuse to call a split finished if another run wrote into its folder meanwhile."""
     for index, entry in enumerate(entries):
         path = folder / shard_name("targets", index)
-        if _recipe_of(path) != recipe or read_about(path)["digest"] != entry.targets:
+        inputs = folder / shard_name("inputs", index)
+        whole = read_about(path)["digest"] == entry.targets and read_about(inputs)["digest"] == entry.inputs
+        if not whole or _recipe_of(path) != recipe:
             msg = f"Another run wrote {path} meanwhile. Give each recipe its own --out, and run again."
             raise GenerationError(msg)
 
@@ -215,15 +218,13 @@ def make_shard(job: ShardJob) -> ShardDone:
         return found
     library = cached_library(job.library)
     inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
-    if _recipe_of(job.path("targets")) not in (None, job.recipe):
-        msg = f"{job.path('targets')} has another recipe: another run uses the folder. Choose another --out."
-        raise UsageError(msg)
     counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
     if troubles:
         msg = (
             f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
         )
         raise GenerationError(msg, detail="\n".join(troubles))
+    _make_room(job)
     inputs_digest = write_shard(job.path("inputs"), "inputs", inputs, {})
     about = {
         "recipe": asdict(job.recipe),
@@ -240,6 +241,15 @@ def make_shard(job: ShardJob) -> ShardDone:
         )
         raise GenerationError(msg)
     return ShardDone(job.index, entry, counts)
+
+
+def _make_room(job: ShardJob) -> None:
+    """Remove what is damaged, or left by a run that ended before the shard was whole; never another recipe's."""
+    if _recipe_of(job.path("targets")) not in (None, job.recipe):
+        msg = f"{job.path('targets')} has another recipe: another run uses the folder. Choose another --out."
+        raise UsageError(msg)
+    for file in FILES:
+        job.path(file).unlink(missing_ok=True)
 
 
 def _finished(job: ShardJob) -> ShardDone | None:

@@ -229,7 +229,7 @@ def test_ctrl_c(tmp_path, test_split, command):
         printed, errors = process.communicate(timeout=30)
     assert process.returncode == 130
     assert printed == ""
-    assert errors.splitlines()[-1].startswith("error: interrupted. What is finished is kept")
+    assert errors.splitlines()[-1].startswith("error: interrupted. Finished shards are kept")
     assert "Traceback" not in errors
     assert not (tmp_path / "runs").exists()
     assert not list(tmp_path.rglob("manifest.json"))

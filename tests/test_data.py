@@ -165,7 +165,9 @@ def damage(folder, file, name, change):
     path = folder / f"{file}-00000.h5"
     arrays = read_shard(path, file, TUBE)
     change(arrays[name])
-    digest = write_shard(path, file, arrays, read_about(path))
+    about = read_about(path)
+    path.unlink()
+    digest = write_shard(path, file, arrays, about)
     manifest = read_manifest(folder)
     entry = manifest.shards[0]
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}
@@ -237,6 +239,7 @@ def test_verify_digest_and_files(copied):
     good = path.read_bytes()
     arrays = read_shard(path, "inputs", TUBE)
     arrays["env_points"][0, 0, 0] = 0.0
+    path.unlink()
     write_shard(path, "inputs", arrays, {})
     with pytest.raises(DataError, match="another digest than the manifest's"):
         eigenbench.verify(copied)

@@ -147,6 +147,7 @@ def test_a_finished_split_is_mended(tmp_path):
     bent = folder / "inputs-00002.h5"
     inputs = read_shard(bent, "inputs", TASKS["tube"])
     inputs["env_points"][3, 7, 0] += 2**-16
+    bent.unlink()
     write_shard(bent, "inputs", inputs, {})
     with pytest.raises(DataError):
         verify(folder)
@@ -233,7 +234,7 @@ def test_a_full_disk_is_a_clear_error(tmp_path, monkeypatch):
     """No space left: one sentence, no half-written shard, and the next run goes on."""
     import errno
 
-    def full(*_args: object) -> None:
+    def full(*_args: object, **_options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
