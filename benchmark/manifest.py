@@ -125,10 +125,10 @@ def find_splits(path: Path) -> list[Path]:
 
 
 def only_split(path: Path) -> Path:
-    """Return `path` if it is one split; DataError lists the splits below it otherwise."""
+    """Return the one split at or below `path`; DataError lists them if there are several."""
     found = find_splits(path)
-    if found == [path]:
-        return path
+    if len(found) == 1:
+        return found[0]
     if not found:
         raise DataError(_no_manifest(path))
     msg = f"{path} holds several splits; pass one of: {', '.join(str(f) for f in found)}."

@@ -3,6 +3,8 @@
 make bench
 """
 
+import subprocess
+import sys
 import tempfile
 import time
 
@@ -46,6 +48,17 @@ def main() -> None:
             generate("tube", "train", DISK_PAIRS, out, workers=workers)
             seconds = time.perf_counter() - start
         print(f"generate to disk, audit included, {workers} worker(s)   {DISK_PAIRS / seconds:9,.0f} pairs/s")
+
+    for name, command in (
+        ("import eigenbench", ["-c", "import eigenbench"]),
+        ("eigenbench --help", ["-m", "eigenbench", "--help"]),
+    ):
+        times = []
+        for _ in range(5):
+            start = time.perf_counter()
+            subprocess.run([sys.executable, *command], check=True, stdout=subprocess.DEVNULL)
+            times.append(time.perf_counter() - start)
+        print(f"{name:40} {min(times):14.3f} s (best of five)")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 import zipfile
 from pathlib import Path
 
@@ -102,16 +101,6 @@ def test_import_is_light():
     code = f"import sys, eigenbench, eigenbench.cli; print([m for m in {HEAVY} if m in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert shown.stdout.strip() == "[]"
-
-
-def test_help_is_quick():
-    """`eigenbench --help` answers within its 0.3 s (the best of five, for a busy machine)."""
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "eigenbench", "--help"], check=True, capture_output=True)
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.3
 
 
 def test_public_names_exist():
