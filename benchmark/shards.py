@@ -11,6 +11,7 @@ import platform
 import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,32 +29,73 @@ _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 REBUILD = "run the same `eigenbench generate` command again to rebuild it"
 
 
-def write_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
-    """Write one shard file atomically and return its content digest.
+@dataclass(frozen=True, slots=True)
+class StagedShard:
+    """A shard file that is written and synced beside its place, and not yet there."""
 
-    `about` is stored as JSON in the attribute `about`, the digest in `digest`. A file that is there already
-    is kept if it has the same digest. GenerationError if it has another, the disk is full or the folder
-    cannot be written; nothing half-written stays.
+    path: Path
+    file: str
+    temporary: Path
+    digest: str
+
+
+@contextmanager
+def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> Iterator[StagedShard]:
+    """Write a shard file beside its place; `settle` puts it there, leaving the context removes what is left.
+
+    `about` is stored as JSON in the attribute `about`, the content digest in `digest`. GenerationError if
+    the disk is full or the folder cannot be written.
     """
-    digest = content_digest(file, arrays)
-    temporary = temporary_beside(path)
+    staged = StagedShard(path, file, temporary_beside(path), content_digest(file, arrays))
     try:
-        with h5py.File(temporary, "w") as h5:
+        with h5py.File(staged.temporary, "w") as h5:
             for field in fields_of(file):
                 h5.create_dataset(field.name, data=arrays[field.name], track_times=False)
             h5.attrs["format_version"] = FORMAT_VERSION
-            h5.attrs["digest"] = digest
+            h5.attrs["digest"] = staged.digest
             h5.attrs["about"] = json.dumps(about, sort_keys=True)
-        publish(temporary, path, replace=False)
-    except FileExistsError as error:
-        if read_about(path)["digest"] != digest:
-            msg = f"Another run wrote {path} meanwhile. Give each recipe its own --out, and run again."
-            raise GenerationError(msg) from error
+        sync(staged.temporary)
+        yield staged
     except OSError as error:
         raise GenerationError(_write_trouble(path, error)) from error
     finally:
-        temporary.unlink(missing_ok=True)
-    return digest
+        staged.temporary.unlink(missing_ok=True)
+
+
+def settle(staged: StagedShard, task: TaskSpec) -> None:
+    """Put a staged file in its place, atomically; a file that is there with the same content stays.
+
+    A name that is free is taken only if it is still free then, so that of two runs at once the first wins.
+    """
+    while not _has_content(staged, task):
+        if staged.path.exists():
+            staged.temporary.replace(staged.path)  # damaged, or left by a run that ended in the middle
+            break
+        try:
+            staged.path.hardlink_to(staged.temporary)
+            break
+        except FileExistsError:
+            continue
+        except OSError as error:
+            if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
+                raise
+            staged.temporary.replace(staged.path)  # this file system has no hard links
+            break
+    sync(staged.path.parent)
+
+
+def _has_content(staged: StagedShard, task: TaskSpec) -> bool:
+    try:
+        return content_digest(staged.file, read_shard(staged.path, staged.file, task)) == staged.digest
+    except DataError:
+        return False
+
+
+def write_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any], task: TaskSpec) -> str:
+    """Write one shard file, whole or not at all, and return its content digest."""
+    with staged_shard(path, file, arrays, about) as staged:
+        settle(staged, task)
+    return staged.digest
 
 
 def temporary_beside(path: Path) -> Path:
@@ -61,30 +103,20 @@ def temporary_beside(path: Path) -> Path:
     return path.with_name(f".{path.name}.{_HOST}-{os.getpid()}-{secrets.token_hex(4)}.tmp")
 
 
-def publish(temporary: Path, path: Path, replace: bool = True) -> None:
-    """Sync a finished temporary file and give it its name; FileExistsError if taken and not to be replaced."""
-    with temporary.open("rb") as handle:
-        os.fsync(handle.fileno())
-    if replace or not _linked(temporary, path):
-        temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
+def publish(temporary: Path, path: Path) -> None:
+    """Sync a finished temporary file and give it its name, replacing what had it."""
+    sync(temporary)
+    temporary.replace(path)
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file's content, or a folder's list of names, is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        os.fsync(handle)
     finally:
-        os.close(folder)
-
-
-def _linked(temporary: Path, path: Path) -> bool:
-    """Give a file a second name that must be free; False where the file system has no hard links."""
-    try:
-        path.hardlink_to(temporary)
-    except FileExistsError:
-        raise
-    except OSError as error:
-        if error.errno in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
-            return False
-        raise
-    return True
+        os.close(handle)
 
 
 def write_text_atomically(path: Path, text: str) -> None:

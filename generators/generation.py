@@ -21,7 +21,6 @@ from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
 from eigenbench.records import Arrays, Audit, Recipe
 from eigenbench.shard_format import (
-    FILES,
     PAIRS_PER_SHARD,
     PRIMITIVE_SHAPE,
     REASONS,
@@ -30,7 +29,7 @@ from eigenbench.shard_format import (
     shard_sizes,
     zero_rows,
 )
-from eigenbench.shards import read_about, read_shard, remove_leftovers, write_shard
+from eigenbench.shards import read_about, read_shard, remove_leftovers, settle, staged_shard
 from eigenbench.tasks import SPLITS, find_task
 
 FULL_SIZE = {"train": 75_000, "test": 20_000}
@@ -224,16 +223,19 @@ def make_shard(job: ShardJob) -> ShardDone:
             f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
         )
         raise GenerationError(msg, detail="\n".join(troubles))
-    _make_room(job)
-    inputs_digest = write_shard(job.path("inputs"), "inputs", inputs, {})
-    about = {
-        "recipe": asdict(job.recipe),
-        "shard": job.index,
-        "audit": asdict(counts),
-        "inputs_digest": inputs_digest,
-    }
-    targets_digest = write_shard(job.path("targets"), "targets", targets, about)
-    entry = ShardEntry(job.pairs, int(targets["label"].sum()), inputs_digest, targets_digest)
+    task = find_task(job.recipe.task)
+    with staged_shard(job.path("inputs"), "inputs", inputs, {}) as staged_inputs:
+        about = {
+            "recipe": asdict(job.recipe),
+            "shard": job.index,
+            "audit": asdict(counts),
+            "inputs_digest": staged_inputs.digest,
+        }
+        with staged_shard(job.path("targets"), "targets", targets, about) as staged_targets:
+            _check_owner(job)
+            settle(staged_inputs, task)
+            settle(staged_targets, task)
+    entry = ShardEntry(job.pairs, int(targets["label"].sum()), staged_inputs.digest, staged_targets.digest)
     if job.expected not in (None, entry):
         msg = (
             f"Shard {job.index} of {job.folder} was damaged, and made again it differs from what the manifest says. "
@@ -243,13 +245,11 @@ def make_shard(job: ShardJob) -> ShardDone:
     return ShardDone(job.index, entry, counts)
 
 
-def _make_room(job: ShardJob) -> None:
-    """Remove what is damaged, or left by a run that ended before the shard was whole; never another recipe's."""
+def _check_owner(job: ShardJob) -> None:
+    """Refuse to touch a shard that another recipe's run has finished."""
     if _recipe_of(job.path("targets")) not in (None, job.recipe):
         msg = f"{job.path('targets')} has another recipe: another run uses the folder. Choose another --out."
         raise UsageError(msg)
-    for file in FILES:
-        job.path(file).unlink(missing_ok=True)
 
 
 def _finished(job: ShardJob) -> ShardDone | None:

@@ -34,7 +34,7 @@ def test_shard_round_trip(tmp_path, file):
     for values in arrays.values():
         values[...] = rng.integers(0, 2, values.shape).astype(values.dtype)
     path = tmp_path / "shard.h5"
-    digest = write_shard(path, file, arrays, {"a": 1})
+    digest = write_shard(path, file, arrays, {"a": 1}, TUBE)
     back = read_shard(path, file, TUBE)
     assert list(back) == [f.name for f in fields_of(file)]
     assert all(np.array_equal(back[k], arrays[k]) and back[k].dtype == arrays[k].dtype for k in arrays)
@@ -165,9 +165,7 @@ def damage(folder, file, name, change):
     path = folder / f"{file}-00000.h5"
     arrays = read_shard(path, file, TUBE)
     change(arrays[name])
-    about = read_about(path)
-    path.unlink()
-    digest = write_shard(path, file, arrays, about)
+    digest = write_shard(path, file, arrays, read_about(path), TUBE)
     manifest = read_manifest(folder)
     entry = manifest.shards[0]
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}
@@ -239,8 +237,7 @@ def test_verify_digest_and_files(copied):
     good = path.read_bytes()
     arrays = read_shard(path, "inputs", TUBE)
     arrays["env_points"][0, 0, 0] = 0.0
-    path.unlink()
-    write_shard(path, "inputs", arrays, {})
+    write_shard(path, "inputs", arrays, {}, TUBE)
     with pytest.raises(DataError, match="another digest than the manifest's"):
         eigenbench.verify(copied)
     for size in (100, len(good) // 2, len(good) - 1000):

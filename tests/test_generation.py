@@ -147,8 +147,7 @@ def test_a_finished_split_is_mended(tmp_path):
     bent = folder / "inputs-00002.h5"
     inputs = read_shard(bent, "inputs", TASKS["tube"])
     inputs["env_points"][3, 7, 0] += 2**-16
-    bent.unlink()
-    write_shard(bent, "inputs", inputs, {})
+    write_shard(bent, "inputs", inputs, {}, TASKS["tube"])
     with pytest.raises(DataError):
         verify(folder)
     generate("tube", "test", 6000, tmp_path, workers=1)
@@ -169,6 +168,20 @@ def test_two_recipes_at_once_do_not_mix(tmp_path):
     assert all(ok or "nother r" in text for ok, text in zip(good, printed, strict=True))
     if any(good):
         verify(tmp_path / "o")
+
+
+def test_the_same_recipe_twice_at_once(tmp_path):
+    """Two runs of one recipe on one folder both end well, in the same bytes as one alone."""
+    call = f"generate('tube', 'test', 12_000, {str(tmp_path / 'o')!r}, workers=1)"
+    processes = []
+    for k in range(2):
+        (tmp_path / str(k)).mkdir()
+        processes.append(start(tmp_path / str(k), call))
+    printed = [p.communicate(timeout=120)[0] for p in processes]
+    assert [p.returncode for p in processes] == [0, 0], printed
+    verify(tmp_path / "o")
+    generate("tube", "test", 12_000, tmp_path / "alone", workers=1)
+    assert digests(tmp_path / "o") == digests(tmp_path / "alone")
 
 
 def test_every_shard_is_audited(tmp_path):
@@ -238,7 +251,7 @@ def test_a_full_disk_is_a_clear_error(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("eigenbench.shards.publish", full)
+        patch.setattr("eigenbench.shards.sync", full)
         with pytest.raises(GenerationError, match="the disk is full"):
             generate("tube", "test", 10, tmp_path, workers=1)
     assert not list((tmp_path / "tube" / "test").iterdir())
