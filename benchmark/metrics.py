@@ -111,7 +111,7 @@ def _moments(predicted: NDArray[Any], truth: Floats, weights: Floats) -> tuple[F
     p, t = p - p.mean(axis=0), truth - truth.mean(axis=0)
     p[:, np.ptp(predicted, axis=0) == 0] = 0.0
     t[:, np.ptp(truth, axis=0) == 0] = 0.0
-    total = weights.sum(axis=1)[:, None]
+    total = np.maximum(weights.sum(axis=1), 1e-300)[:, None]  # a replicate may miss all these pairs
     mean_p, mean_t = weights @ p / total, weights @ t / total
     var_p = np.maximum(weights @ (p * p) / total - mean_p**2, 0.0)
     var_t = np.maximum(weights @ (t * t) / total - mean_t**2, 0.0)

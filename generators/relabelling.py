@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from eigenbench.generators.fcl_engine import TubePassage
 from eigenbench.generators.library import Library
 from eigenbench.generators.philox import AUDIT, key_of, uniform
-from eigenbench.generators.tube import candidate
+from eigenbench.generators.tube import sampled_candidates
 from eigenbench.records import Arrays, Audit, Recipe
-from eigenbench.shard_format import CANDIDATES
 
 CONFIRM_BELOW = 0.01
 """FCL confirms the witness of every positive whose margin is below this share of its length."""
@@ -32,10 +31,8 @@ class Relabelled:
 
 def candidates_of(recipe: Recipe, pair: int, width: float, height: float) -> Points:
     """Return the (k, 3) candidate translations of a pair: the guided one first, unless only sampled."""
-    key = key_of(recipe)
-    guided = [[0.0, 0.0, 0.0]] if recipe.protocol == "exact" else []
-    sampled = [[0.0, *candidate(key, pair, i, width, height)] for i in range(1, CANDIDATES + 1)]
-    return np.array(guided + sampled)
+    sampled = sampled_candidates(key_of(recipe), pair, width, height)
+    return np.concatenate([np.zeros((1, 3)), sampled]) if recipe.protocol == "exact" else sampled
 
 
 def passage_of(library: Library, shape: int, targets: Arrays, row: int) -> TubePassage:

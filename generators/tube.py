@@ -101,6 +101,15 @@ def candidate(key: Key, pair: int, index: int, width: float, height: float) -> t
 
 
 @kernel
+def sampled_candidates(key: Key, pair: int, width: float, height: float) -> Floats:
+    """Return all (CANDIDATES, 3) sampled placements of a pair, in order."""
+    out = np.zeros((CANDIDATES, 3))
+    for index in range(CANDIDATES):
+        out[index, 1], out[index, 2] = candidate(key, pair, index + 1, width, height)
+    return out
+
+
+@kernel
 def first_free(
     key: Key, pair: int, width: float, height: float, extent_y: float, extent_z: float, guided: bool
 ) -> tuple[int, float, float]:

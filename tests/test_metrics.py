@@ -207,3 +207,11 @@ def test_weights_are_stratified_and_repeatable():
     assert first[:, 2].std() > 0.5
     crossed = np.concatenate(list(crossed_weights(obj, category, obj, category, 300, seed=4)))
     assert crossed.max() >= 4
+
+
+def test_a_replicate_without_pairs_counts_as_no_correlation(rng):
+    """Weights of zero throughout give R2 = 0, not a warning or NaN."""
+    truth = rng.uniform(size=(50, 2))
+    found = metrics.r2_matrix(truth, truth, np.stack([np.zeros(50), np.ones(50)]))
+    assert not found[0].any()
+    assert np.allclose(np.diag(found[1]), 1)
