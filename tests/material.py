@@ -1,13 +1,19 @@
-"""What several tests are made of: places and simple meshes."""
+"""What several tests are made of: places, simple meshes, small models."""
 
 from pathlib import Path
 
 import numpy as np
 
+from eigenbench.checking import toy_clouds
 from eigenbench.generators.solids import Mesh
+from eigenbench.hosting import Answer, HostedModel, HostOptions
+from eigenbench.tasks import TASKS
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
+HONEST = "import numpy as np\nclass Model:\n    def predict(self, env, obj):\n        "
+GOOD = "return {'probability': np.full(len(env), 0.5)}"
+ENV, OBJ = toy_clouds(np.random.default_rng(1))
 
 
 def box_mesh(x: float, y: float, z: float) -> Mesh:
@@ -24,3 +30,17 @@ def write_obj(path: Path, mesh: Mesh) -> None:
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
     path.write_text("\n".join(lines) + "\n")
+
+
+def model(tmp_path: Path, body: str, name: str = "model.py") -> Path:
+    """Write a model whose predict has the given body, or a whole file if it has lines."""
+    path = tmp_path / "submission" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(body if "\n" in body else HONEST + body + "\n")
+    return path
+
+
+def answer(path: Path, **options) -> tuple[Answer, dict]:
+    """Return a hosted model's answer for the toy clouds, and the isolation it ran under."""
+    with HostedModel(path, TASKS["tube"], HostOptions(**options)) as hosted:
+        return hosted.predict(ENV, OBJ), hosted.isolation
