@@ -169,7 +169,7 @@ class HostedModel:
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)
         except BadFrame as error:
-            msg = f"Model {self.path.name} answered with {error}."
+            msg = f"Model {self.path.name} answered with {_printable(error)}."
             raise ModelError(msg) from error
         return self._accept(arrays, header.get("groups"), len(env))
 
@@ -225,7 +225,7 @@ class HostedModel:
         except ChannelClosed as error:
             raise self._ended(phase) from error
         except BadFrame as error:
-            msg = f"Model {self.path.name} sent {error} instead of an answer."
+            msg = f"Model {self.path.name} sent {_printable(error)} instead of an answer."
             raise ModelError(msg) from error
         if header.get("kind") == "error":
             where = f", line {header['line']}" if isinstance(header.get("line"), int) else ""
@@ -274,7 +274,7 @@ class HostedModel:
             answer = Answer(arrays, read_groups(groups))
             shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
         except BadAnswer as error:
-            msg = f"Model {self.path.name} {error}."
+            msg = f"Model {self.path.name} {_printable(error)}."
             raise ModelError(msg) from error
         if self._first is not None and shape != self._first:
             was, now = ((sorted(fields), f"S = {slots}", given) for fields, slots, given in (self._first, shape))

@@ -155,6 +155,8 @@ def test_a_model_that_writes_the_pipe_itself(tmp_path):
         ),
         ("os.write(c._write_fd, struct.pack('<QQ', 10, 1 << 32))", "sent a frame of"),
         ("os.write(c._write_fd, struct.pack('<QQ', 900000, 0) + b'[' * 900000 + b']' * 0)", "not JSON"),
+        ("c.send({'kind': 'answer', 'arrays': [['x' * 10**5, 'float64', [24]]]}, b'x' * 192)", "unknown field"),
+        ("c.send({'kind': 'answer', 'arrays': [['x' * 10**5, 'object', [24]]]}, b'x' * 192)", "answered with an array"),
         ("c.send({'kind': 'ready'})", "sent a 'ready' instead of its 'answer'"),
         ("c.send({'kind': '\\x1b]0;x'})", "instead of its 'answer'"),
         ("os.kill(os.getpid(), 40)", "signal 40"),
