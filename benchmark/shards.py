@@ -9,7 +9,7 @@ import json
 import os
 import platform
 import secrets
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,13 +62,15 @@ def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -
         staged.temporary.unlink(missing_ok=True)
 
 
-def settle(staged: StagedShard, task: TaskSpec) -> None:
+def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], None]) -> None:
     """Put a staged file in its place, atomically; a file that is there with the same content stays.
 
     A name that is free is taken only if it is still free then, so that of two runs at once the first wins.
+    Another content is replaced, right after `before_replacing`, which raises if it must stay.
     """
     while not _has_content(staged, task):
         if staged.path.exists():
+            before_replacing()
             staged.temporary.replace(staged.path)  # damaged, or left by a run that ended in the middle
             break
         try:
@@ -89,13 +91,6 @@ def _has_content(staged: StagedShard, task: TaskSpec) -> bool:
         return content_digest(staged.file, read_shard(staged.path, staged.file, task)) == staged.digest
     except DataError:
         return False
-
-
-def write_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any], task: TaskSpec) -> str:
-    """Write one shard file, whole or not at all, and return its content digest."""
-    with staged_shard(path, file, arrays, about) as staged:
-        settle(staged, task)
-    return staged.digest
 
 
 def temporary_beside(path: Path) -> Path:

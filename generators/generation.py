@@ -233,8 +233,8 @@ def make_shard(job: ShardJob) -> ShardDone:
         }
         with staged_shard(job.path("targets"), "targets", targets, about) as staged_targets:
             _check_owner(job)
-            settle(staged_inputs, task)
-            settle(staged_targets, task)
+            for staged in (staged_inputs, staged_targets):
+                settle(staged, task, before_replacing=lambda: _check_owner(job))
     entry = ShardEntry(job.pairs, int(targets["label"].sum()), staged_inputs.digest, staged_targets.digest)
     if job.expected not in (None, entry):
         msg = (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.cache import cache_folder
-from eigenbench.errors import DataError, ShapeError, UsageError
+from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.shapes import COUNTS, Shape, make_shape
 from eigenbench.generators.surface import Surface, alias_table
@@ -204,9 +204,15 @@ def _store(
     path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(path)
-    with temporary.open("wb") as handle:
-        np.savez(handle, refused=np.array(json.dumps(refused)), **arrays)
-    publish(temporary, path)
+    try:
+        with temporary.open("wb") as handle:
+            np.savez(handle, refused=np.array(json.dumps(refused)), **arrays)
+        publish(temporary, path)
+    except OSError as error:
+        msg = f"Cannot write the shape cache {path}: {error.strerror}. Set EIGENBENCH_CACHE to a place with room."
+        raise GenerationError(msg) from error
+    finally:
+        temporary.unlink(missing_ok=True)
     return Library(surface, names, categories, refused, digest, path)
 
 

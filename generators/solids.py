@@ -103,14 +103,6 @@ def volume(mesh: Mesh) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def is_watertight(mesh: Mesh) -> bool:
-    """Say whether every directed edge is met by exactly one face on its other side."""
-    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-    forward = np.sort(edges[:, 0] * len(mesh.vertices) + edges[:, 1])
-    backward = np.sort(edges[:, 1] * len(mesh.vertices) + edges[:, 0])
-    return bool(np.all(np.diff(forward) > 0) and np.array_equal(forward, backward))
-
-
 def euler_number(mesh: Mesh) -> int:
     """Return V - E + F of a watertight mesh: 2 for a ball, 0 for a mug with one handle."""
     return len(np.unique(mesh.faces)) - len(mesh.faces) * 3 // 2 + len(mesh.faces)

@@ -7,6 +7,8 @@ import numpy as np
 from eigenbench.checking import toy_clouds
 from eigenbench.generators.solids import Mesh
 from eigenbench.hosting import Answer, HostedModel, HostOptions
+from eigenbench.records import Arrays
+from eigenbench.shards import settle, staged_shard
 from eigenbench.tasks import TASKS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -44,3 +46,18 @@ def answer(path: Path, **options) -> tuple[Answer, dict]:
     """Return a hosted model's answer for the toy clouds, and the isolation it ran under."""
     with HostedModel(path, TASKS["tube"], HostOptions(**options)) as hosted:
         return hosted.predict(ENV, OBJ), hosted.isolation
+
+
+def is_watertight(mesh: Mesh) -> bool:
+    """Say whether every directed edge is met by exactly one face on its other side."""
+    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
+    forward = np.sort(edges[:, 0] * len(mesh.vertices) + edges[:, 1])
+    backward = np.sort(edges[:, 1] * len(mesh.vertices) + edges[:, 0])
+    return bool(np.all(np.diff(forward) > 0) and np.array_equal(forward, backward))
+
+
+def write_shard(path: Path, file: str, arrays: Arrays, about: dict) -> str:
+    """Write one shard file over whatever is there, and return its content digest."""
+    with staged_shard(path, file, arrays, about) as staged:
+        settle(staged, TASKS["tube"], before_replacing=lambda: None)
+    return staged.digest

@@ -7,6 +7,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from material import write_shard
 
 import eigenbench
 from eigenbench.errors import DataError
@@ -14,7 +15,7 @@ from eigenbench.generators.deep import verify_deep
 from eigenbench.generators.generation import generate
 from eigenbench.manifest import ShardEntry, read_manifest, write_manifest
 from eigenbench.shard_format import FIELDS, FILES, content_digest, fields_of, round_to, shard_sizes, zero_rows
-from eigenbench.shards import read_about, read_shard, write_shard
+from eigenbench.shards import read_about, read_shard
 from eigenbench.tasks import TASKS
 
 TUBE = TASKS["tube"]
@@ -34,7 +35,7 @@ def test_shard_round_trip(tmp_path, file):
     for values in arrays.values():
         values[...] = rng.integers(0, 2, values.shape).astype(values.dtype)
     path = tmp_path / "shard.h5"
-    digest = write_shard(path, file, arrays, {"a": 1}, TUBE)
+    digest = write_shard(path, file, arrays, {"a": 1})
     back = read_shard(path, file, TUBE)
     assert list(back) == [f.name for f in fields_of(file)]
     assert all(np.array_equal(back[k], arrays[k]) and back[k].dtype == arrays[k].dtype for k in arrays)
@@ -165,7 +166,7 @@ def damage(folder, file, name, change):
     path = folder / f"{file}-00000.h5"
     arrays = read_shard(path, file, TUBE)
     change(arrays[name])
-    digest = write_shard(path, file, arrays, read_about(path), TUBE)
+    digest = write_shard(path, file, arrays, read_about(path))
     manifest = read_manifest(folder)
     entry = manifest.shards[0]
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}
@@ -237,7 +238,7 @@ def test_verify_digest_and_files(copied):
     good = path.read_bytes()
     arrays = read_shard(path, "inputs", TUBE)
     arrays["env_points"][0, 0, 0] = 0.0
-    write_shard(path, "inputs", arrays, {}, TUBE)
+    write_shard(path, "inputs", arrays, {})
     with pytest.raises(DataError, match="another digest than the manifest's"):
         eigenbench.verify(copied)
     for size in (100, len(good) // 2, len(good) - 1000):

@@ -11,13 +11,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from material import write_shard
 
 from eigenbench.errors import DataError, EigenbenchError, GenerationError, ShapeError, UsageError
 from eigenbench.generators import generation, relabelling
 from eigenbench.generators.generation import FULL_SIZE, generate
 from eigenbench.manifest import read_manifest
 from eigenbench.shard_format import shard_name
-from eigenbench.shards import read_shard, write_shard
+from eigenbench.shards import read_shard
 from eigenbench.tasks import TASKS
 from eigenbench.verification import verify
 
@@ -147,7 +148,7 @@ def test_a_finished_split_is_mended(tmp_path):
     bent = folder / "inputs-00002.h5"
     inputs = read_shard(bent, "inputs", TASKS["tube"])
     inputs["env_points"][3, 7, 0] += 2**-16
-    write_shard(bent, "inputs", inputs, {}, TASKS["tube"])
+    write_shard(bent, "inputs", inputs, {})
     with pytest.raises(DataError):
         verify(folder)
     generate("tube", "test", 6000, tmp_path, workers=1)
@@ -182,6 +183,24 @@ def test_the_same_recipe_twice_at_once(tmp_path):
     verify(tmp_path / "o")
     generate("tube", "test", 12_000, tmp_path / "alone", workers=1)
     assert digests(tmp_path / "o") == digests(tmp_path / "alone")
+
+
+def test_a_late_run_does_not_replace_what_another_recipe_finished(tmp_path, monkeypatch):
+    """A shard that another run finishes while ours is being hashed stays, and our run ends with an error."""
+    original = generation.settle
+
+    def late(staged, task, before_replacing):
+        if staged.file == "targets":
+            monkeypatch.setattr(generation, "settle", original)
+            (tmp_path / "tube" / "test" / "inputs-00000.h5").unlink()
+            generate("tube", "test", 30, tmp_path, seed=2, workers=1)
+        original(staged, task, before_replacing)
+
+    monkeypatch.setattr(generation, "settle", late)
+    with pytest.raises(UsageError, match="has another recipe: another run uses the folder"):
+        generate("tube", "test", 30, tmp_path, seed=1, workers=1)
+    verify(tmp_path)
+    assert read_manifest(tmp_path / "tube" / "test").recipe.seed == 2
 
 
 def test_every_shard_is_audited(tmp_path):

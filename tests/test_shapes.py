@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from material import is_watertight
 
 from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators.library import load_library, normalise, open_library
 from eigenbench.generators.measures import enclosing_ball, largest_inscribed_circle
 from eigenbench.generators.shapes import COUNTS, MAKERS, Shape, make_shape
-from eigenbench.generators.solids import Mesh, euler_number, is_watertight, volume
+from eigenbench.generators.solids import Mesh, euler_number, volume
 from eigenbench.generators.surface import alias_table
 
 SAMPLES = [(c, i) for c in MAKERS for i in (0, 1, 2, 5, 7, 11, 13)]
