@@ -15,8 +15,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.cache import cache_folder
 from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
+from eigenbench.generators.catalogue import make_shapes
 from eigenbench.generators.measures import enclosing_ball
-from eigenbench.generators.shapes import COUNTS, Shape, make_shape
+from eigenbench.generators.shapes import Shape
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -60,22 +61,21 @@ class Library:
         return {c.decode(): int(n) for c, n in sorted(Counter(self.categories.tolist()).items())}
 
 
-def load_library(source: str, split: str) -> Library:
-    """Build or fetch the objects of a split from `default` or `meshes=DIR`.
+def load_library(source: str, split: str, role: str = "object") -> Library:
+    """Build or fetch the shapes of a split and role from `default` or `meshes=DIR`.
 
     UsageError for another source, ShapeError where no usable shape is left.
     """
     kind, folder = parse_source(source)
     if kind == "meshes":
-        from eigenbench.generators.meshes import load_objects
+        from eigenbench.generators.meshes import load_shapes
 
-        return _pack(*load_objects(folder, split))
-    note = cache_folder() / "shapes" / f"default-{_default_key()}-{split}"
+        return _pack(*load_shapes(folder, role, split))
+    note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    shapes = [make_shape(c, i) for c, count in sorted(COUNTS[split].items()) for i in range(count)]
-    library = _pack(shapes, {})
+    library = _pack(make_shapes(role, split), {})
     write_text_atomically(note, library.path.name)
     return library
 
@@ -94,7 +94,7 @@ def parse_source(source: str) -> tuple[str, Path]:
 def _default_key() -> str:
     """Return what the built-in shapes depend on: the sources that make them and their libraries."""
     digest = hashlib.sha256()
-    for name in ("library.py", "measures.py", "shapes.py", "solids.py", "surface.py"):
+    for name in ("catalogue.py", "library.py", "measures.py", "shapes.py", "solids.py", "surface.py", "vessels.py"):
         digest.update((Path(__file__).parent / name).read_bytes())
     for package in ("numpy", "scipy", "manifold3d"):
         digest.update(version(package).encode())

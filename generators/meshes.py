@@ -37,8 +37,8 @@ TEST_SHARE = 0.25
 """Share of the shapes of a category that the paper does not list that go to the test split."""
 
 
-def load_objects(folder: Path, split: str) -> tuple[list[Shape], dict[str, str]]:
-    """Read the objects of one split.
+def load_shapes(folder: Path, role: str, split: str) -> tuple[list[Shape], dict[str, str]]:
+    """Read the shapes of one role and split.
 
     Returns the usable shapes, sorted by category and name, and the reason for each refused file.
     ShapeError where the folder does not exist, holds no mesh, or leaves no usable shape for the split.

@@ -10,19 +10,20 @@ from hypothesis import strategies as st
 from material import is_watertight
 
 from eigenbench.errors import ShapeError, UsageError
+from eigenbench.generators.catalogue import COUNTS, MAKERS, make_shape
 from eigenbench.generators.library import load_library, normalise, open_library
 from eigenbench.generators.measures import enclosing_ball, largest_inscribed_circle
-from eigenbench.generators.shapes import COUNTS, MAKERS, Shape, make_shape
+from eigenbench.generators.shapes import Shape
 from eigenbench.generators.solids import Mesh, euler_number, volume
 from eigenbench.generators.surface import alias_table
 
-SAMPLES = [(c, i) for c in MAKERS for i in (0, 1, 2, 5, 7, 11, 13)]
+SAMPLES = [(c, i) for c in MAKERS["object"] for i in (0, 1, 2, 5, 7, 11, 13)]
 
 
 @pytest.mark.parametrize(("category", "index"), SAMPLES)
 def test_shape_is_watertight_and_measured(category, index):
     """Closed, outward, of the right genus; extents and volume as measured, to rounding."""
-    shape = make_shape(category, index)
+    shape = make_shape("object", category, index)
     assert is_watertight(shape.mesh)
     assert volume(shape.mesh) > 0
     handles = {"mug": 1, "bucket": 0 if shape.name.endswith("plain") else 1}.get(category, 0)
@@ -40,9 +41,9 @@ def test_mug_handle_gap_is_what_passes(index):
     """FCL agrees with the stored gap: a peg 1 % thinner passes the handle somewhere, 1 % thicker never."""
     from eigenbench.generators.fcl_engine import collision_object, touches
 
-    shape = make_shape("mug", index)
+    shape = make_shape("object", "mug", index)
     mug = collision_object(shape.mesh.vertices, shape.mesh.faces)
-    gap = shape.lengths["handle_gap"]
+    gap = 2 * shape.measures.handle.radius
     turn = np.arange(96) * (2 * np.pi / 96)
     reach = shape.mesh.vertices[:, 0].max()
     rim = shape.lengths["width"] - reach  # the body's radius
@@ -80,31 +81,31 @@ def _area(polygon):
 
 def test_categories_of_the_splits_are_disjoint_and_counted_as_in_the_paper():
     """Counts are the paper's for the six categories there are."""
-    assert not set(COUNTS["train"]) & set(COUNTS["test"])
+    assert not set(COUNTS["object"]["train"]) & set(COUNTS["object"]["test"])
     paper = {"bottle": 16, "bowl": 128, "can": 65, "mug": 134, "bucket": 33, "jar": 528}
-    assert COUNTS["train"] | COUNTS["test"] == paper
+    assert COUNTS["object"]["train"] | COUNTS["object"]["test"] == paper
 
 
 def test_shapes_of_a_category_differ():
     """No two shapes of a category are alike, and each category has several topologies."""
-    for category in MAKERS:
-        shapes = [make_shape(category, i) for i in range(12)]
+    for category in MAKERS["object"]:
+        shapes = [make_shape("object", category, i) for i in range(12)]
         sizes = {tuple(np.round(np.ptp(s.mesh.vertices, axis=0), 6)) for s in shapes}
         assert len(sizes) == 12
 
 
 def test_shape_is_the_same_in_another_process():
     """A shape is a pure function of (category, index)."""
-    code = "import sys; from eigenbench.generators.shapes import make_shape; import numpy as np\n"
-    code += "sys.stdout.write(repr(float(np.sum(make_shape('mug', 5).mesh.vertices ** 3))))"
+    code = "import sys; from eigenbench.generators.catalogue import make_shape; import numpy as np\n"
+    code += "sys.stdout.write(repr(float(np.sum(make_shape('object', 'mug', 5).mesh.vertices ** 3))))"
     shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
-    assert float(shown) == float(np.sum(make_shape("mug", 5).mesh.vertices ** 3))
+    assert float(shown) == float(np.sum(make_shape("object", "mug", 5).mesh.vertices ** 3))
 
 
 def test_unknown_category():
     """An unknown category names its near match."""
     with pytest.raises(UsageError, match="Did you mean 'mug'"):
-        make_shape("mugs", 0)
+        make_shape("object", "mugs", 0)
 
 
 @given(st.integers(0, 10**6), st.integers(2, 3), st.integers(1, 60))
