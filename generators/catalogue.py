@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import vessels
+from eigenbench.generators import storage, vessels
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
@@ -16,7 +16,10 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
         "train": {"bottle": 16, "bowl": 128, "can": 65, "mug": 134},
         "test": {"bucket": 33, "jar": 528},
     },
-    "environment": {"train": {}, "test": {}},
+    "environment": {
+        "train": {"storage_furniture": 272},
+        "test": {"storage_furniture": 73},
+    },
     "mug": {"train": {}, "test": {}},
 }
 """Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
@@ -30,7 +33,9 @@ MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
         "jar": vessels.make_jar,
         "mug": vessels.make_mug,
     },
-    "environment": {},
+    "environment": {
+        "storage_furniture": storage.make_storage_furniture,
+    },
     "mug": {},
 }
 """The maker of each category, by role."""

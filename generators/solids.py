@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from manifold3d import Manifold, Mesh64
+from manifold3d import Manifold, Mesh64, OpType
 from numpy.typing import NDArray
 
 from eigenbench.errors import ShapeError
@@ -136,3 +136,13 @@ def _from_manifold(solid: Manifold) -> Mesh:
     # Keep the vertices as they come: merging near-duplicates would open the surface.
     mesh = solid.to_mesh64()
     return Mesh(np.array(mesh.vert_properties[:, :3]), np.asarray(mesh.tri_verts, dtype=np.int64))
+
+
+def carved(solids: list[Mesh], voids: list[Mesh], fittings: list[Mesh]) -> Mesh:
+    """Return (union of solids, without the voids) united with the fittings."""
+    body = Manifold.batch_boolean([_to_manifold(m) for m in solids], OpType.Add)
+    if voids:
+        body = Manifold.batch_boolean([body, *map(_to_manifold, voids)], OpType.Subtract)
+    if fittings:
+        body = Manifold.batch_boolean([body, *map(_to_manifold, fittings)], OpType.Add)
+    return _from_manifold(body)
