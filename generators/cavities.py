@@ -3,9 +3,9 @@
 Rule. A point of free space is *enclosed* if along the axes it meets material below, above and in at least
 three of the four horizontal directions. A cavity is a connected region of enclosed points that a cube of
 `PROBE` lattice steps can reach without touching anything, so that slots and cracks narrower than about 2 %
-of the shape's longest side neither join regions nor count. Its box is the region's axis-aligned bounding
-box; it is a cavity only if material bounds that box directly at the bottom, at the top and at three or
-four sides, over `COVER` of each. What reaches into the box makes it inhabited.
+of the shape's longest side neither join regions nor count. It must end in material directly, within one probe,
+at the bottom, at the top and at three or four sides, over `COVER` of each, and be no thinner than
+`THINNEST`. Its box is the region's axis-aligned bounding box; what reaches into it makes it inhabited.
 
 The lattice finds the region; its walls are then placed exactly, at the farthest crossing of lattice lines
 with the surface, and an open side where the enclosure ends, by bisection.
@@ -29,6 +29,8 @@ COVER = 0.95
 """Share of a side that must be backed by material."""
 _DOWN, _UP = 1 << 4, 2 << 4
 _SIDES = (1 << 0, 2 << 0, 1 << 2, 2 << 2)
+THINNEST = 0.05
+"""A cavity is at least this share of the shape's longest side in every extent; hollow boards and handles are not."""
 _ROUND = 0.01
 """A region is a cylinder if this share of its points or fewer lies outside of it."""
 
@@ -118,7 +120,7 @@ def _cube_is_free(enclosed: Flags, walled: Flags, i: int, j: int, k: int, n: int
 def _measure_region(mesh: Mesh, lattice: Lattice, region: NDArray[np.bool_]) -> Cavity | None:
     """Return the cavity of one region, None if its box is not bounded as the rule asks."""
     first, last = _span(region)
-    cover = {(a, s): _cover(lattice, first, last, a, s) for a in range(3) for s in (0, 1)}
+    cover = {(a, s): _cover(lattice, region, a, s) for a in range(3) for s in (0, 1)}
     backed = {face: share >= COVER for face, share in cover.items()}
     if not (backed[2, 0] and backed[2, 1]) or sum(backed[a, s] for a in (0, 1) for s in (0, 1)) < 3:
         return None
@@ -131,6 +133,8 @@ def _measure_region(mesh: Mesh, lattice: Lattice, region: NDArray[np.bool_]) -> 
         else:
             corners[side, axis] = _edge(mesh, lattice, region, at, axis, side)
     low, high = corners
+    if np.min(high - low) < THINNEST * np.max(np.ptp(mesh.vertices, axis=0)):
+        return None
     round_about, radius = _cylinder(lattice, region[part], first, low, high)
     (x0, y0, z0), (x1, y1, z1) = low.tolist(), high.tolist()
     cavity = Cavity((x0, y0, z0), (x1, y1, z1), round_about, radius)
@@ -144,23 +148,21 @@ def _span(region: NDArray[np.bool_]) -> tuple[Integers, Integers]:
     return first, last
 
 
-def _cover(lattice: Lattice, first: Integers, last: Integers, axis: int, side: int) -> float:
-    """Return the share of a face of a box of points that material bounds within `PROBE` steps outward."""
-    part = [slice(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
-    at = int(last[axis] if side else first[axis])
-    outward = range(at, at + PROBE + 1) if side else range(at, at - PROBE - 1, -1)
-    backed = None
-    for k in outward:
-        if not 0 <= k < lattice.solid.shape[axis]:
-            break
-        part[axis] = slice(k, k + 1)
-        here = lattice.solid[tuple(part)] != 0
-        backed = here if backed is None else backed | here
-        step = k if side else k - 1
-        if k != outward[-1] and 0 <= step < lattice.solid.shape[axis]:
-            part[axis] = slice(step, step + 1)
-            backed = backed | (lattice.walled[axis][tuple(part)] != 0)
-    return float(np.mean(backed)) if backed is not None else 0.0
+def _cover(lattice: Lattice, region: NDArray[np.bool_], axis: int, side: int) -> float:
+    """Return the share of a region's lines along an axis that end in material, within `PROBE` steps outward."""
+    order = (axis, *(a for a in range(3) if a != axis))
+    turn = slice(None, None, -1 if side else 1)
+    points = region.transpose(order)[turn]
+    outermost = np.argmax(points, axis=0)
+    lines = np.argwhere(points.any(axis=0))
+    solid, walled = lattice.solid.transpose(order)[turn], lattice.walled[axis].transpose(order)[turn]
+    at = outermost[lines[:, 0], lines[:, 1]]
+    backed = np.zeros(len(lines), dtype=bool)
+    for _ in range(PROBE):  # from point `at` to the next one outward
+        wall = walled[at, lines[:, 0], lines[:, 1]] if side else walled[at - 1, lines[:, 0], lines[:, 1]]
+        at = np.maximum(at - 1, 0)
+        backed |= (wall != 0) | (solid[at, lines[:, 0], lines[:, 1]] != 0)
+    return float(np.mean(backed))
 
 
 def _wall(lattice: Lattice, region: NDArray[np.bool_], at: int, axis: int, side: int) -> float:
