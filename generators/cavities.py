@@ -68,36 +68,37 @@ def _regions(enclosed: Flags, walled: Flags, probe: int) -> tuple[NDArray[np.int
             for k in range(nz - probe + 1):
                 free[i, j, k] = _cube_is_free(enclosed, walled, i, j, k, probe)
     labels = np.zeros(enclosed.shape, dtype=np.int32)
-    done = np.zeros(enclosed.shape, dtype=np.uint8)
     stack = np.zeros((int(free.sum()) + 1, 3), dtype=np.int64)
     count = 0
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
-                if free[i, j, k] == 0 or done[i, j, k] != 0:
-                    continue
-                count += 1
-                done[i, j, k] = 1
-                stack[0] = (i, j, k)
-                depth = 1
-                while depth > 0:
-                    depth -= 1
-                    a, b, c = stack[depth, 0], stack[depth, 1], stack[depth, 2]
-                    for u in range(a, a + probe):
-                        for v in range(b, b + probe):
-                            for w in range(c, c + probe):
-                                labels[u, v, w] = count
-                    for axis in range(3):
-                        for turn in (-1, 1):
-                            u = a + turn * (axis == 0)
-                            v = b + turn * (axis == 1)
-                            w = c + turn * (axis == 2)
-                            inside = 0 <= u < nx and 0 <= v < ny and 0 <= w < nz
-                            if inside and free[u, v, w] != 0 and done[u, v, w] == 0:
-                                done[u, v, w] = 1
-                                stack[depth] = (u, v, w)
-                                depth += 1
+                if free[i, j, k] != 0:
+                    count += 1
+                    _fill(free, labels, stack, (i, j, k), count, probe)
     return labels, count
+
+
+@kernel
+def _fill(
+    free: Flags, labels: NDArray[np.int32], stack: Integers, seed: tuple[int, int, int], label: int, probe: int
+) -> None:
+    """Label what the cube covers on its way from a free position, and take its positions off `free`."""
+    nx, ny, nz = free.shape
+    free[seed] = 0
+    stack[0] = seed
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        a, b, c = stack[depth, 0], stack[depth, 1], stack[depth, 2]
+        labels[a : a + probe, b : b + probe, c : c + probe] = label
+        for turn in range(6):
+            step = 1 if turn < 3 else -1
+            u, v, w = a + step * (turn % 3 == 0), b + step * (turn % 3 == 1), c + step * (turn % 3 == 2)
+            if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz and free[u, v, w] != 0:
+                free[u, v, w] = 0
+                stack[depth, 0], stack[depth, 1], stack[depth, 2] = u, v, w
+                depth += 1
 
 
 @kernel
@@ -203,28 +204,31 @@ def _farthest(
     best = origin + at * step
     for i in range(nb):
         for j in range(nc):
-            for layer in range(layers):
-                k = at - turn * layer
-                if k < 0 or k >= na:
-                    break
-                if not region[k, i, j]:
-                    continue
-                here = origin + k * step
-                first, last = start[i * nc + j], start[i * nc + j + 1]
-                if upward:
-                    for x in range(first, last):
-                        if crossing[x] >= here:
-                            if crossing[x] <= limit:
-                                best = max(best, crossing[x])
-                            break
-                else:
-                    for x in range(last - 1, first - 1, -1):
-                        if crossing[x] < here:
-                            if crossing[x] >= limit:
-                                best = min(best, crossing[x])
-                            break
-                break
+            k, layer = at, 0
+            while layer < layers and 0 <= k < na and not region[k, i, j]:
+                k -= turn
+                layer += 1
+            if layer == layers or not 0 <= k < na:
+                continue
+            line = i * nc + j
+            hit = _next_crossing(crossing[start[line] : start[line + 1]], origin + k * step, upward)
+            if (upward and best < hit <= limit) or (not upward and limit <= hit < best):
+                best = hit
     return best
+
+
+@kernel
+def _next_crossing(crossings: Floats, here: float, upward: bool) -> float:
+    """Return the crossing next to a point on its line, infinite where there is none."""
+    if upward:
+        for x in range(len(crossings)):
+            if crossings[x] >= here:
+                return crossings[x]
+        return np.inf
+    for x in range(len(crossings) - 1, -1, -1):
+        if crossings[x] < here:
+            return crossings[x]
+    return -np.inf
 
 
 def _edge(mesh: Mesh, lattice: Lattice, region: NDArray[np.bool_], at: int, axis: int, side: int) -> float:
