@@ -124,8 +124,7 @@ def shade(
             if f == SECTION:
                 light = 1.0
             else:
-                turn = offsets[(row % side) * side + column % side]
-                light *= 1.0 - 0.75 * blocked(depth, row, column, n, turn)
+                light *= 1.0 - 0.75 * blocked(depth, row, column, n, offsets, (row % side) * side + column % side)
             line = edge(depth, face, normals, plane, row, column, n, other, step)
             for k in range(3):
                 surface = min(255.0, light * colours[2 if f == SECTION else 1, k])
@@ -144,7 +143,7 @@ def normal_of(f: int, normals: Floats, plane: Floats, n: Floats) -> None:
 
 
 @kernel
-def blocked(depth: Floats, row: int, column: int, n: Floats, offsets: Indices) -> float:
+def blocked(depth: Floats, row: int, column: int, n: Floats, offsets: Indices, turn: int) -> float:
     """Return the share of the light from all sides that nearby surfaces hold off a pixel.
 
     Screen-space ambient occlusion (Mittring, "Finding next gen: CryEngine 2", 2007), measured as the
@@ -152,17 +151,18 @@ def blocked(depth: Floats, row: int, column: int, n: Floats, offsets: Indices) -
     """
     height, width = depth.shape
     total = 0.0
-    slope = max(n[2], _STEEPEST)
-    for k in range(len(offsets)):
-        x, y = offsets[k, 0], offsets[k, 1]
+    here = depth[row, column]
+    fall_x, fall_y = n[0] / max(n[2], _STEEPEST), n[1] / max(n[2], _STEEPEST)
+    for k in range(offsets.shape[1]):
+        x, y = offsets[turn, k, 0], offsets[turn, k, 1]
         if 0 <= row + y < height and 0 <= column + x < width:
-            rise = depth[row + y, column + x] - depth[row, column] + (n[0] * x + n[1] * y) / slope
+            rise = depth[row + y, column + x] - here + fall_x * x + fall_y * y
             reach = np.sqrt(float(x * x + y * y))
             if 0.08 * reach < rise < np.inf:
                 # What stands far in front is another thing, whose shadow falls elsewhere.
                 far = max(0.0, rise / reach - 2.0)
                 total += rise / np.sqrt(rise * rise + reach * reach) / (1.0 + far * far)
-    return total / len(offsets)
+    return total / offsets.shape[1]
 
 
 @kernel
@@ -182,8 +182,8 @@ def edge(
     `n` is the pixel's normal, `other` a (3,) scratch place.
     """
     height, width = depth.shape
-    line = 0.0
-    slope = max(n[2], _STEEPEST)
+    line, here, own = 0.0, depth[row, column], face[row, column]
+    fall_x, fall_y = n[0] / max(n[2], _STEEPEST), n[1] / max(n[2], _STEEPEST)
     for y in range(-2, 3):
         for x in range(-2, 3):
             if x * x + y * y > 4:
@@ -192,10 +192,10 @@ def edge(
             if r < 0 or c < 0 or r >= height or c >= width or face[r, c] == NOTHING:
                 return 0.9
             f = face[r, c]
-            if f == face[row, column]:
+            if f == own:
                 continue
-            behind = depth[row, column] - (n[0] * x + n[1] * y) / slope - depth[r, c]
-            if behind > step and depth[row, column] - depth[r, c] > step:
+            drop = here - depth[r, c]
+            if drop > step and drop - fall_x * x - fall_y * y > step:
                 line = max(line, 0.75)
             elif x * x + y * y <= 1:
                 normal_of(f, normals, plane, other)
