@@ -111,7 +111,7 @@ def describe(shape: Shape) -> list[str]:
     if measures.handle is not None:
         lines.append(f"handle gap: diameter {_length(2 * measures.handle.radius)}")
     if shape.volume is not None:
-        lines.append(f"material: {1e6 * shape.volume:,.4g} cm³")
+        lines.append(f"material: {1e6 * shape.volume:,.4g} cm3")
     return lines
 
 
@@ -127,7 +127,7 @@ def _length(metres: float) -> str:
 
 def _lengths(metres: Sequence[float]) -> str:
     unit, factor = ("cm", 100.0) if max(metres) < 10 else ("m", 1.0)
-    return " × ".join(f"{factor * m:.1f}" for m in metres) + f" {unit}"
+    return " x ".join(f"{factor * m:.1f}" for m in metres) + f" {unit}"
 
 
 def _title(selection: Selection) -> str:

@@ -13,19 +13,21 @@ from eigenbench.generators.compiled import kernel
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-NOTHING, SECTION = -1, -2
-"""Values of the face buffer: no surface here; the inside of a cut solid."""
+NOTHING = -1
+"""Value of the face buffer where there is no surface."""
 
 AMBIENT = 0.50
-KEY = np.array([-0.48, -0.68, 0.55]), 0.52
-FILL = np.array([0.80, 0.10, 0.59]), 0.30
+KEY = np.array([-0.55, -0.45, 0.70]), 0.52
+FILL = np.array([0.80, 0.10, 0.59]), 0.20
 """Directions toward the two lights, in the picture's axes, and their strengths."""
 
 _GRID = 256
 _CREASE = 0.80
 """A line is drawn where the normals of neighbouring pixels have a smaller cosine than this."""
-_STEEPEST = 0.12
-"""Least cosine between normal and view for which the slope of a surface is trusted."""
+_STEEPEST, _STEEP = 0.02, 0.12
+"""Least cosines between normal and view for which a surface's slope is trusted, for lines and for shadows."""
+_AROUND = np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2]])
+"""Neighbours (x, y) that a line is drawn against; creases against the first four."""
 
 
 @kernel
@@ -81,78 +83,65 @@ def cap(depth: Floats, face: Indices, normals: Floats, plane: Floats) -> None:
 
     Parameters
     ----------
+    face : gets the value F at the section
     normals : (F, 3) outward normals, in the picture's axes
     plane : as in `rasterise`, facing the viewer (plane[2] > 0)
     """
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
             if face[row, column] >= 0 and normals[face[row, column], 2] < 0.0:
-                face[row, column] = SECTION
+                face[row, column] = len(normals)
                 at = plane[0] * (column + 0.5) + plane[1] * (row + 0.5) + plane[3]
                 depth[row, column] = -at / plane[2]
 
 
 @kernel
-def shade(
-    depth: Floats, face: Indices, normals: Floats, plane: Floats, offsets: Indices, colours: Floats, step: float
-) -> Floats:
+def shade(depth: Floats, face: Indices, normals: Floats, offsets: Indices, colours: Floats, step: float) -> Floats:
     """Return the (height, width, 3) colours 0-255 of a picture: two lights, occlusion, lines at edges.
 
     Parameters
     ----------
     depth, face : as from `rasterise` and `cap`
-    normals : (F, 3) unit, either side
-    plane : (4,), gives the normal of the section
+    normals : (F + 1, 3) unit, toward the viewer; the last is the section's
     offsets : (K, J, 2), pixels (x, y) from which light may be blocked; neighbouring pixels take turns at the K sets
     colours : (4, 3), background, surface, section, line
     step : a jump in depth by more than this is drawn as a line
     """
     height, width = depth.shape
     side = np.int64(np.sqrt(len(offsets)))
+    section = len(normals) - 1
     picture = np.zeros((height, width, 3))
-    n, other = np.zeros(3), np.zeros(3)
     for row in range(height):
         for column in range(width):
             f = face[row, column]
             if f == NOTHING:
                 picture[row, column] = colours[0]
                 continue
-            normal_of(f, normals, plane, n)
+            x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
             light = AMBIENT
-            light += KEY[1] * max(0.0, n[0] * KEY[0][0] + n[1] * KEY[0][1] + n[2] * KEY[0][2])
-            light += FILL[1] * max(0.0, n[0] * FILL[0][0] + n[1] * FILL[0][1] + n[2] * FILL[0][2])
-            if f == SECTION:
-                light = 1.0
-            else:
-                light *= 1.0 - 0.75 * blocked(depth, row, column, n, offsets, (row % side) * side + column % side)
-            line = edge(depth, face, normals, plane, row, column, n, other, step)
+            light += KEY[1] * max(0.0, x * KEY[0][0] + y * KEY[0][1] + z * KEY[0][2])
+            light += FILL[1] * max(0.0, x * FILL[0][0] + y * FILL[0][1] + z * FILL[0][2])
+            light *= 1.0 - 0.75 * blocked(depth, face, normals, row, column, offsets, row % side * side + column % side)
+            line = edge(depth, face, normals, row, column, step)
             for k in range(3):
-                surface = min(255.0, light * colours[2 if f == SECTION else 1, k])
+                surface = colours[2, k] if f == section else min(255.0, light * colours[1, k])
                 picture[row, column, k] = surface + line * (colours[3, k] - surface)
     return picture
 
 
 @kernel
-def normal_of(f: int, normals: Floats, plane: Floats, n: Floats) -> None:
-    """Put the unit normal of a face or of the section into `n`, turned to the viewer."""
-    x, y, z = (plane[0], plane[1], plane[2]) if f == SECTION else (normals[f, 0], normals[f, 1], normals[f, 2])
-    size = np.sqrt(x * x + y * y + z * z)
-    if z < 0.0:
-        size = -size
-    n[0], n[1], n[2] = x / size, y / size, z / size
-
-
-@kernel
-def blocked(depth: Floats, row: int, column: int, n: Floats, offsets: Indices, turn: int) -> float:
+def blocked(
+    depth: Floats, face: Indices, normals: Floats, row: int, column: int, offsets: Indices, turn: int
+) -> float:
     """Return the share of the light from all sides that nearby surfaces hold off a pixel.
 
     Screen-space ambient occlusion (Mittring, "Finding next gen: CryEngine 2", 2007), measured as the
     sine of the angle at which each neighbour rises above the pixel's own plane.
     """
     height, width = depth.shape
-    total = 0.0
-    here = depth[row, column]
-    fall_x, fall_y = n[0] / max(n[2], _STEEPEST), n[1] / max(n[2], _STEEPEST)
+    total, here, f = 0.0, depth[row, column], face[row, column]
+    slope = max(normals[f, 2], _STEEP)
+    fall_x, fall_y = normals[f, 0] / slope, normals[f, 1] / slope
     for k in range(offsets.shape[1]):
         x, y = offsets[turn, k, 0], offsets[turn, k, 1]
         if 0 <= row + y < height and 0 <= column + x < width:
@@ -166,41 +155,32 @@ def blocked(depth: Floats, row: int, column: int, n: Floats, offsets: Indices, t
 
 
 @kernel
-def edge(
-    depth: Floats,
-    face: Indices,
-    normals: Floats,
-    plane: Floats,
-    row: int,
-    column: int,
-    n: Floats,
-    other: Floats,
-    step: float,
-) -> float:
+def edge(depth: Floats, face: Indices, normals: Floats, row: int, column: int, step: float) -> float:
     """Return how dark a line a pixel carries, 0 to 1: outline, something farther behind it, or a crease.
 
-    `n` is the pixel's normal, `other` a (3,) scratch place.
+    A jump in depth is one that neither of both surfaces makes by its own slope.
     """
     height, width = depth.shape
-    line, here, own = 0.0, depth[row, column], face[row, column]
-    fall_x, fall_y = n[0] / max(n[2], _STEEPEST), n[1] / max(n[2], _STEEPEST)
-    for y in range(-2, 3):
-        for x in range(-2, 3):
-            if x * x + y * y > 4:
-                continue
-            r, c = row + y, column + x
-            if r < 0 or c < 0 or r >= height or c >= width or face[r, c] == NOTHING:
-                return 0.9
-            f = face[r, c]
-            if f == own:
-                continue
-            drop = here - depth[r, c]
-            if drop > step and drop - fall_x * x - fall_y * y > step:
-                line = max(line, 0.75)
-            elif x * x + y * y <= 1:
-                normal_of(f, normals, plane, other)
-                if n[0] * other[0] + n[1] * other[1] + n[2] * other[2] < _CREASE or f == SECTION:
-                    line = max(line, 0.45)
+    line, here, f = 0.0, depth[row, column], face[row, column]
+    for k in range(len(_AROUND)):
+        x, y = _AROUND[k, 0], _AROUND[k, 1]
+        r, c = row + y, column + x
+        if r < 0 or c < 0 or r >= height or c >= width or face[r, c] == NOTHING:
+            return 0.9
+        g = face[r, c]
+        if g == f:
+            continue
+        drop = here - depth[r, c]
+        if (
+            drop > step
+            and drop - (normals[f, 0] * x + normals[f, 1] * y) / max(normals[f, 2], _STEEPEST) > step
+            and drop - (normals[g, 0] * x + normals[g, 1] * y) / max(normals[g, 2], _STEEPEST) > step
+        ):
+            line = max(line, 0.75)
+        elif k < 4:
+            same = normals[f, 0] * normals[g, 0] + normals[f, 1] * normals[g, 1] + normals[f, 2] * normals[g, 2]
+            if same < _CREASE:
+                line = max(line, 0.45)
     return line
 
 

@@ -69,7 +69,7 @@ def render(shape: Shape, role: str, view: View, size: int, measures: bool = Fals
     depth, face = rasterising.rasterise(corners, plane, pixels, pixels)
     if view.cut is not None and is_closed(mesh):
         rasterising.cap(depth, face, normals, plane)
-    picture = rasterising.shade(depth, face, normals, plane, _offsets(pixels), colours, 1.5 * FACTOR)
+    picture = rasterising.shade(depth, face, _facing(normals, plane), _offsets(pixels), colours, 1.5 * FACTOR)
     if measures:
         for lines, colour in outlines(shape.measures):
             segments = np.ascontiguousarray(transform(frame, lines.reshape(-1, 3)).reshape(-1, 2, 3))
@@ -152,6 +152,12 @@ def _normals(mesh: Mesh, frame: Points) -> Points:
     size = np.sqrt(np.sum(cross * cross, axis=1, keepdims=True))
     flat = size == 0
     return np.where(flat, [0.0, 0.0, 1.0], cross / np.where(flat, 1.0, size))
+
+
+def _facing(normals: Points, plane: Points) -> Points:
+    """Return the (F + 1, 3) normals turned to the viewer, and last the one of the section."""
+    section = plane[:3] / max(float(np.sqrt(np.sum(plane[:3] * plane[:3]))), 1e-300)
+    return np.concatenate([np.where(normals[:, 2:] < 0, -normals, normals), [section]])
 
 
 def is_closed(mesh: Mesh) -> bool:
