@@ -195,6 +195,14 @@ def _sort_lines(start: Integers, at: Floats, sign: NDArray[np.int8]) -> None:
 
 
 @kernel
+def _vote(before: int, after: int) -> int:
+    """Return a line's vote on a point between two sums of signs: +1 solid, -1 free, 0 if they disagree."""
+    if before != 0 and after != 0:
+        return 1
+    return -1 if before == 0 and after == 0 else 0
+
+
+@kernel
 def _look_along(
     lines: Lines, axis: int, origin: float, step: float, votes: NDArray[np.int8], walled: Flags, seen: Flags
 ) -> None:
@@ -214,10 +222,7 @@ def _look_along(
                     before += lines.sign[passed]
                     passed += 1
                 after = total - before
-                if before != 0 and after != 0:
-                    votes[k, i, j] += 1
-                elif before == 0 and after == 0:
-                    votes[k, i, j] -= 1
+                votes[k, i, j] += _vote(before, after)
                 if passed > first:
                     seen[k, i, j] |= behind_bit
                 if passed < last:

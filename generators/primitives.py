@@ -18,7 +18,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Me
 
 
 def polygon(sides: int, radius: float, flat: float = 1.0) -> Points:
-    """Return a regular (n, 2) polygon with a corner on the first axis, anticlockwise, stretched by `flat` along the second."""
+    """Return a regular (n, 2) polygon, anticlockwise, a corner on the first axis, stretched along the second."""
     turn = np.arange(sides) * (2 * math.pi / sides)
     return radius * np.column_stack([np.cos(turn), flat * np.sin(turn)])
 

@@ -130,9 +130,7 @@ def shade(depth: Floats, face: Indices, normals: Floats, offsets: Indices, colou
 
 
 @kernel
-def blocked(
-    depth: Floats, face: Indices, normals: Floats, row: int, column: int, offsets: Indices, turn: int
-) -> float:
+def blocked(depth: Floats, face: Indices, normals: Floats, row: int, column: int, offsets: Indices, turn: int) -> float:
     """Return the share of the light from all sides that nearby surfaces hold off a pixel.
 
     Screen-space ambient occlusion (Mittring, "Finding next gen: CryEngine 2", 2007), measured as the
