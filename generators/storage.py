@@ -321,8 +321,10 @@ def _front(
         left = False
 
 
-def _grip(rng: Generator, front: float, where: tuple[float, float, float, float], cell: str, grip: str) -> list[Mesh]:
-    """Return the handle or knob of a door or drawer."""
+def _grip(
+    rng: Generator, front: float, where: tuple[float, float, float, float], cell: str, grip: str, side: float
+) -> list[Mesh]:
+    """Return the handle or knob of a drawer, in its middle, or of a door, at the y of its free side."""
     y0, y1, z0, z1 = where
     if grip == "none":
         return []
