@@ -5,8 +5,9 @@ lattice point: each of the three lines through it votes. A line along which the 
 to zero before and after the point votes free; one with a surplus both before and after votes solid
 (a nonzero winding number, Jacobson et al., "Robust inside-outside segmentation using generalized winding
 numbers", 2013, on axis rays); a line that disagrees with itself, because it passes a hole or a sheet,
-abstains. Solid needs more solid votes than free ones. Sheets without thickness are solid nowhere, but
-block the way between the points on their two sides.
+abstains. Solid needs more solid votes than free ones. So a block that lacks its hidden faces, as models of
+furniture often do, stays a block; sheets drawn from both sides are solid nowhere, but block the way
+between the points on their two sides.
 """
 
 from typing import NamedTuple
