@@ -41,9 +41,9 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     "dining": Kind((0.72, 0.78), (1.2, 2.4), (0.75, 1.05), ("rectangular", "rounded", "oval", "round", "square"), ("legs", "trestle", "pedestal", "cross", "sled", "panels"), ("plain", "plain", "apron", "drawers"), 1.5),
-    "coffee": Kind((0.32, 0.5), (0.8, 1.4), (0.45, 0.8), ("rectangular", "rounded", "oval", "round", "square"), ("legs", "panels", "sled", "pedestal", "carcass", "carcass"), ("plain", "shelf", "magazines", "drawers"), 2.0),
+    "coffee": Kind((0.32, 0.5), (0.8, 1.4), (0.45, 0.8), ("rectangular", "rectangular", "rounded", "oval", "round", "square"), ("legs", "panels", "sled", "pedestal", "carcass", "carcass"), ("plain", "shelf", "magazines", "magazines", "drawers"), 2.2),
     "side": Kind((0.45, 0.65), (0.4, 0.65), (0.35, 0.55), ("rectangular", "round", "square"), ("legs", "splayed", "panels", "pedestal", "carcass"), ("plain", "shelf", "drawers", "magazines")),
-    "desk": Kind((0.7, 0.76), (1.0, 1.8), (0.55, 0.85), ("rectangular", "rounded", "corner"), ("legs", "panels", "sled", "trestle"), ("plain", "pedestal", "pedestals", "drawers", "modesty"), 2.0),
+    "desk": Kind((0.7, 0.76), (1.0, 1.8), (0.55, 0.85), ("rectangular", "rectangular", "rounded", "corner"), ("legs", "panels", "sled", "trestle"), ("plain", "pedestal", "pedestals", "drawers", "drawers", "modesty"), 2.2),
     "console": Kind((0.72, 0.9), (0.8, 1.4), (0.28, 0.42), ("rectangular", "half_round"), ("legs", "panels"), ("plain", "shelf", "drawers", "apron")),
     "bar": Kind((0.98, 1.12), (0.55, 1.5), (0.5, 0.75), ("round", "square", "rectangular"), ("pedestal", "legs", "sled"), ("plain", "shelf"), 0.6),
     "bistro": Kind((0.7, 0.76), (0.6, 0.8), (0.55, 0.75), ("round", "square"), ("pedestal", "splayed"), ("plain",), 0.6),
@@ -255,7 +255,7 @@ def _carcass(rng: Generator, f: Frame, parts: Assembly) -> list[Mesh]:
         y = low[1] + wall + k * width
         depth = high[0] if front == "open" else high[0] - wall
         cell = Cavity((low[0] + wall, y, lift + wall), (depth, y + width - wall, f.under))
-        held = INHABITANTS[str(rng.choice(["half_shelf", "divider", "hinges"]))](rng, cell) if rng.uniform() < 0.4 else []
+        held = INHABITANTS[str(rng.choice(["half_shelf", "divider", "hinges"]))](rng, cell) if rng.uniform() < 0.65 else []
         parts.hollow(cell, held, beyond=INTO if front == "open" else 0.0)
         if front != "open":
             panel = (high[0] - INTO, y - wall / 3, lift + wall / 2), (high[0] + 0.008, y + width - 0.7 * wall, f.under)
@@ -337,7 +337,7 @@ def _magazines(rng: Generator, f: Frame, parts: Assembly) -> list[str]:
     low, high = (f.low[0] + 0.02, f.low[1] + 0.02, f.under - tall - wall), (f.high[0] - 0.02, f.high[1] - 0.02, f.under)
     parts.solids.append(box(low, (high[0], high[1], f.under + INTO)))
     cell = Cavity((low[0] + wall, low[1] + wall, low[2] + wall), (high[0], high[1] - wall, f.under))
-    held = INHABITANTS[str(rng.choice(["half_shelf", "divider"]))](rng, cell) if rng.uniform() < 0.3 else []
+    held = INHABITANTS[str(rng.choice(["half_shelf", "divider"]))](rng, cell) if rng.uniform() < 0.65 else []
     parts.hollow(cell, held, beyond=INTO)
     return ["magazines"]
 
@@ -377,7 +377,7 @@ def _vise(rng: Generator, f: Frame, parts: Assembly) -> list[str]:
     screw = [cylinder(0, (x + 0.02, y, z), 0.018, 0.24, 12), cylinder(1, (x + 0.12, y, z), 0.008, 0.2, 8)]
     plate = box((x - 0.12, y - 0.12, z - 0.06), (x - 0.01, y + 0.12, f.under + INTO))
     parts.solids += [plate, jaw, *screw]
-    board = box((f.low[0] + f.leg, f.low[1] + f.leg, 0.14), (f.high[0] - f.leg, f.high[1] - f.leg, 0.165))
+    board = box((f.low[0] + f.leg, f.low[1] + 0.01, 0.14), (f.high[0] - f.leg, f.high[1] - 0.01, 0.165))
     parts.solids += [board] if rng.uniform() < 0.5 else []
     return ["vise"]
 
