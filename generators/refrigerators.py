@@ -40,13 +40,13 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "top_freezer": Kind((0.55, 0.78), (0.52, 0.68), (1.4, 1.8), ((0.66, 0.74, ("cooler",)), (0.26, 0.34, ("freezer",))), weight=1.3),
+    "top_freezer": Kind((0.55, 0.78), (0.52, 0.68), (1.4, 1.8), ((0.66, 0.74, ("cooler",)), (0.26, 0.34, ("freezer",))), weight=1.8),
     "bottom_freezer": Kind((0.55, 0.7), (0.55, 0.66), (1.6, 2.05), ((0.32, 0.42, ("baskets",)), (0.58, 0.68, ("cooler",))), weight=1.5),
-    "side_by_side": Kind((0.85, 0.95), (0.6, 0.7), (1.7, 1.82), ((1.0, 1.0, ("shelved", "cooler")),)),
+    "side_by_side": Kind((0.85, 0.95), (0.6, 0.7), (1.7, 1.82), ((1.0, 1.0, ("shelved", "cooler")),), weight=1.5),
     "french_door": Kind((0.75, 0.95), (0.6, 0.72), (1.7, 1.85), ((0.3, 0.38, ("freezer",)), (0.62, 0.7, ("cooler",))), leaves=2, weight=1.2),
     "single_door": Kind((0.5, 0.65), (0.52, 0.62), (0.82, 1.85), ((1.0, 1.0, ("cooler",)),), weight=1.3),
     "ice_box": Kind((0.5, 0.6), (0.52, 0.62), (0.82, 1.45), ((1.0, 1.0, ("ice_box",)),)),
-    "mini_bar": Kind((0.38, 0.48), (0.38, 0.48), (0.48, 0.7), ((1.0, 1.0, ("bar",)),), weight=0.8),
+    "mini_bar": Kind((0.38, 0.48), (0.38, 0.48), (0.48, 0.7), ((1.0, 1.0, ("bar",)),), weight=0.6),
     "upright_freezer": Kind((0.55, 0.65), (0.55, 0.64), (1.2, 1.85), ((1.0, 1.0, ("baskets",)),), weight=0.5),
     "wine_cooler": Kind((0.4, 0.6), (0.5, 0.6), (0.82, 1.6), ((1.0, 1.0, ("bottles",)),), weight=0.8),
 }  # fmt: skip
@@ -87,6 +87,8 @@ def _upright(rng: Generator, name: str, kind: Kind) -> Shape:
             cell = Cavity(low, (front - SKIN, y1 - wall, z1 - wall))
             longest = max(h, d + thick + 0.06)
             holds.update(dict.fromkeys(INTERIORS[inside](rng, parts, cell, longest)))
+    if name == "wine_cooler":
+        parts.fittings += _window(rng, front + thick, w, float(edges[0]), h)
     if name == "side_by_side" and rng.uniform() < 0.6:
         parts.solids += _dispenser(rng, front + thick, -w / 4, h)
         holds["dispenser"] = None
@@ -128,7 +130,7 @@ def _doors(
 
 def _grille(rng: Generator, front: float, w: float, lift: float, kick: float) -> list[Mesh]:
     """Return slats on the kick plate below the doors."""
-    z = np.linspace(lift + 0.012, lift + kick - 0.014, int(rng.integers(3, 6)))
+    z = np.linspace(lift + 0.012, lift + kick - 0.014, int(rng.integers(3, 5)))
     return [box((front - INTO, -0.45 * w, at), (front + 0.008, 0.45 * w, at + 0.004)) for at in z.tolist()]
 
 
@@ -136,7 +138,7 @@ def _condenser(rng: Generator, back: float, w: float, h: float) -> list[Mesh]:
     """Return the tubes of a condenser on the back, or none."""
     if rng.uniform() < 0.5:
         return []
-    z = np.linspace(0.35 * h, 0.85 * h, 6)
+    z = np.linspace(0.35 * h, 0.85 * h, 5)
     tubes = [box((back - 0.008, -0.4 * w, at), (back + INTO, 0.4 * w, at + 0.008)) for at in z.tolist()]
     return [*tubes, *(box((back - 0.008, y, 0.35 * h), (back + INTO, y + 0.008, 0.85 * h)) for y in (-0.4 * w, 0.4 * w - 0.008))]
 
@@ -147,6 +149,15 @@ def _dispenser(rng: Generator, front: float, y: float, h: float) -> list[Mesh]:
     panel = box((front - INTO, y - half, z), (front + 0.008, y + half, z + 0.3))
     tray = box((front, y - half, z), (front + 0.04, y + half, z + 0.012))
     return [panel, tray, box((front, y - 0.03, z + 0.18), (front + 0.03, y + 0.03, z + 0.22))]
+
+
+def _window(rng: Generator, front: float, w: float, z0: float, z1: float) -> list[Mesh]:
+    """Return the frame around the window of a wine cooler's door, and its thermostat."""
+    rim, out = rng.uniform(0.06, 0.09), front + 0.006
+    a, b, c, d = -w / 2 + 0.012, w / 2 - 0.012, z0 + 0.012, z1 - 0.03
+    bars = [((a, c), (b, c + rim)), ((a, d - 1.4 * rim), (b, d)), ((a, c), (a + rim, d)), ((b - rim, c), (b, d))]
+    frame = [box((front - INTO, *low), (out, *high)) for low, high in bars]
+    return [*frame, box((front, -0.05, d - rim), (out + 0.006, 0.05, d - 0.5 * rim))]
 
 
 def _hump(rng: Generator, cell: Cavity, longest: float) -> tuple[float, float]:
