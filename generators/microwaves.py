@@ -41,14 +41,16 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     "countertop": Kind((0.44, 0.56), (0.32, 0.44), (0.25, 0.32), (0.22, 0.28), weight=2.0),
-    "dials": Kind((0.44, 0.5), (0.32, 0.4), (0.25, 0.29), (0.24, 0.28), floors=("turntable",), knobs=True),
+    "dials": Kind((0.44, 0.5), (0.32, 0.4), (0.25, 0.29), (0.24, 0.28), floors=("turntable",), knobs=True, weight=0.5),
     "retro": Kind((0.45, 0.52), (0.34, 0.42), (0.27, 0.33), (0.24, 0.3), floors=("turntable",), knobs=True),
-    "over_range": Kind((0.74, 0.76), (0.36, 0.42), (0.38, 0.44), (0.2, 0.26), feet=False),
+    "over_range": Kind((0.74, 0.76), (0.36, 0.42), (0.38, 0.44), (0.2, 0.26), feet=False, weight=1.6),
     "built_in": Kind((0.54, 0.58), (0.34, 0.42), (0.33, 0.37), (0.2, 0.25), floors=("flatbed", "turntable", "rack"), feet=False),
-    "drawer": Kind((0.6, 0.75), (0.52, 0.6), (0.36, 0.42), (0.2, 0.26), above=True, floors=("flatbed",), feet=False, weight=0.7),
+    "drawer": Kind((0.6, 0.75), (0.52, 0.6), (0.36, 0.42), (0.2, 0.26), above=True, floors=("flatbed",), feet=False, weight=1.2),
     "grill": Kind((0.44, 0.56), (0.36, 0.48), (0.27, 0.34), (0.22, 0.27), floors=("rack", "turntable")),
 }  # fmt: skip
 """The kinds of microwave ovens."""
+LIFTS = {"built_in": 0.018, "retro": 0.035}
+"""Height of the case above the floor where the kind fixes it, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +69,12 @@ def make_microwave(rng: Generator) -> Shape:
     name = str(rng.choice(list(KINDS), p=weights / weights.sum()))
     kind = KINDS[name]
     w, d, h = (rng.uniform(*r) for r in (kind.width, kind.depth, kind.height))
-    lift = rng.uniform(0.008, 0.016) if kind.feet else (0.018 if name == "built_in" else 0.0)
+    lift = LIFTS.get(name, rng.uniform(0.008, 0.016) if kind.feet else 0.0)
     case = _Case(w / 2, lift, lift + h, d / 2)
     low, high = (-d / 2, -w / 2, lift), (d / 2, w / 2, lift + h)
     parts = Assembly([box(low, high)])
     if kind.feet:
-        parts.solids += legs(low, high, 0.03, "round")
+        parts.solids += legs(low, high, 0.03, "tapered" if name == "retro" else "round")
     floor = str(rng.choice(kind.floors))
     share = rng.uniform(*kind.panel)
     words = _oven(rng, kind, case, parts, floor, share)
