@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import storage, vessels
+from eigenbench.generators import microwaves, refrigerators, storage, strongboxes, tables, vessels, washers
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
@@ -17,8 +17,22 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
         "test": {"bucket": 33, "jar": 528},
     },
     "environment": {
-        "train": {"storage_furniture": 272},
-        "test": {"storage_furniture": 73},
+        "train": {
+            "microwave": 9,
+            "refrigerator": 34,
+            "safe": 21,
+            "storage_furniture": 272,
+            "table": 70,
+            "washing_machine": 13,
+        },
+        "test": {
+            "microwave": 3,
+            "refrigerator": 9,
+            "safe": 7,
+            "storage_furniture": 73,
+            "table": 25,
+            "washing_machine": 3,
+        },
     },
     "mug": {"train": {}, "test": {}},
 }
@@ -34,7 +48,12 @@ MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
         "mug": vessels.make_mug,
     },
     "environment": {
+        "microwave": microwaves.make_microwave,
+        "refrigerator": refrigerators.make_refrigerator,
+        "safe": strongboxes.make_safe,
         "storage_furniture": storage.make_storage_furniture,
+        "table": tables.make_table,
+        "washing_machine": washers.make_washing_machine,
     },
     "mug": {},
 }

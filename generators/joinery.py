@@ -187,3 +187,46 @@ def knob(rng: Generator, front: float, y: float, z: float) -> list[Mesh]:
     radius, out = rng.uniform(0.01, 0.017), rng.uniform(0.018, 0.028)
     stem = cylinder(0, (front + out / 2 - INTO, y, z), 0.45 * radius, out, 10)
     return [stem, cylinder(0, (front + out, y, z), radius, 0.4 * out, 16)]
+
+
+def drawer_block(
+    rng: Generator, parts: Assembly, low: Vector, high: Vector, grid: tuple[int, int], wall: float, grip: str = ""
+) -> None:
+    """Add a block of (columns, rows) closed drawers, each a cavity, with proud fronts and grips.
+
+    `grip` is a name of GRIPS, drawn where it is empty.
+    """
+    columns, rows = grid
+    (x0, y0, z0), (front, y1, z1) = low, high
+    grip = grip or str(rng.choice(list(GRIPS)))
+    parts.solids.append(box(low, high))
+    w, h = (y1 - y0 - wall) / columns, (z1 - z0 - wall) / rows
+    for c in range(columns):
+        for r in range(rows):
+            a, b = y0 + wall + c * w, z0 + wall + r * h
+            parts.hollow(Cavity((x0 + wall, a, b), (front - wall, a + w - wall, b + h - wall)))
+            edge = 0.35 * wall
+            panel = box((front - INTO, a - edge, b - edge), (front + wall / 2, a + w - wall + edge, b + h - wall + edge))
+            parts.fittings.append(panel)
+            parts.fittings += GRIPS[grip](rng, front + wall / 2, a + (w - wall) / 2, b + (h - wall) / 2, w)
+
+
+def _bar_grip(rng: Generator, front: float, y: float, z: float, width: float) -> list[Mesh]:
+    return handle_bar(rng, front, y, z, 0.4 * min(width, 0.5), 1)
+
+
+def _knob_grip(rng: Generator, front: float, y: float, z: float, width: float) -> list[Mesh]:
+    return [m for at in ((-0.25, 0.25) if width > 0.5 else (0.0,)) for m in knob(rng, front, y + at * width, z)]
+
+
+def _lip_grip(rng: Generator, front: float, y: float, z: float, width: float) -> list[Mesh]:
+    out = rng.uniform(0.01, 0.018)
+    return [box((front - INTO, y - 0.2 * width, z), (front + out, y + 0.2 * width, z + 0.006))]
+
+
+GRIPS: dict[str, Callable[[Generator, float, float, float, float], list[Mesh]]] = {
+    "bar": _bar_grip,
+    "knob": _knob_grip,
+    "lip": _lip_grip,
+}
+"""Grips of a drawer by name: from its front, the middle (y, z) of the drawer and its width, m."""

@@ -5,7 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.solids import Faces, Mesh, Points
+from eigenbench.generators.solids import Faces, Mesh, Points, revolve
+
+Vector = tuple[float, float, float]
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -75,3 +77,22 @@ def turned(mesh: Mesh, axis: int, angle: float, about: tuple[float, float, float
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = c, -s, s, c
     return Mesh((mesh.vertices - np.array(about)) @ rotation.T + np.array(about), mesh.faces)
+
+
+def leaning(outline: Points, low: Vector, high: Vector, shrink: float = 1.0) -> Mesh:
+    """Carry a convex (n, 2) xy outline about `low` in a straight line to `high`, level at both ends, scaled by `shrink`."""
+    mesh = prism(outline, 2, low[2], high[2], shrink)
+    n = len(outline)
+    far = np.concatenate([np.zeros(n, dtype=bool), np.ones(n, dtype=bool), [False, True]])
+    shift = np.where(far[:, None], [high[0], high[1], 0.0], [low[0], low[1], 0.0])
+    return Mesh(mesh.vertices + shift, mesh.faces)
+
+
+def bulge(centre: Vector, radius: float, height: float, sides: int = 32, rings: int = 4) -> Mesh:
+    """Return a dome (half an ellipsoid) on a disc; it faces +x or, for a negative height, -x."""
+    turn = np.linspace(0, math.pi / 2, rings + 1)
+    profile = np.column_stack([radius * np.cos(turn), abs(height) * np.sin(turn)])
+    profile = np.concatenate([[[0.0, 0.0]], profile[:-1], [[0.0, abs(height)]]])
+    cap = revolve(profile, polygon(sides, 1.0))
+    vertices = cap.vertices[:, [2, 0, 1]] * [math.copysign(1.0, height), 1.0, 1.0]
+    return Mesh(vertices + np.array(centre), cap.faces if height > 0 else cap.faces[:, ::-1])
