@@ -96,3 +96,11 @@ def bulge(centre: Vector, radius: float, height: float, sides: int = 32, rings: 
     cap = revolve(profile, polygon(sides, 1.0))
     vertices = cap.vertices[:, [2, 0, 1]] * [math.copysign(1.0, height), 1.0, 1.0]
     return Mesh(vertices + np.array(centre), cap.faces if height > 0 else cap.faces[:, ::-1])
+
+
+def about_z(mesh: Mesh, front: tuple[float, float]) -> Mesh:
+    """Return a mesh turned about z so that the level unit direction `front` points to +x."""
+    x, y = front
+    if (x, y) == (1.0, 0.0):
+        return mesh
+    return Mesh(mesh.vertices @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]]), mesh.faces)
