@@ -92,17 +92,14 @@ def _with_doors(rng: Generator, name: str, kind: Kind) -> Shape:
     back = d / 2
     if rim:
         back = d / 2 - 0.006
-        parts.fittings.append(_flange(parts, low, high, rim, back))
+        # The plate around the front; the case itself closes its middle.
+        a, b = (back, low[1] - rim, low[2] - rim), (d / 2 + 0.004, high[1] + rim, high[2] + rim)
+        parts.fittings.append(box(a, b))
     top = Top(rectangle(low, (back, high[1], 0.0)), high[2])
     if rim > 0.05 * (h + 2 * rim):
         # The flange's upper edge is the only level patch near the highest point.
         top = Top(rectangle((back, -w / 2 - rim, 0.0), (d / 2 + 0.004, w / 2 + rim, 0.0)), high[2] + rim)
     return parts.shape("safe", "-".join([name, lock, base, *words]), top)
-
-
-def _flange(parts: Assembly, low: tuple[float, float, float], high: tuple[float, float, float], rim: float, x: float) -> Mesh:
-    """Return the plate around the front of a wall safe; the case itself closes its middle."""
-    return box((x, low[1] - rim, low[2] - rim), (high[0] + 0.004, high[1] + rim, high[2] + rim))
 
 
 def _door(rng: Generator, parts: Assembly, front: float, thick: float, where: tuple[float, float, float, float], lock: str) -> None:
@@ -178,9 +175,9 @@ def _spokes(rng: Generator, x: float, where: tuple[float, float, float, float]) 
 def _wheel(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
     """A handle wheel: spokes within a rim of straight bars."""
     made, y, z, radius, out = _spoked(rng, x, where)
-    side = 2 * radius * math.sin(math.pi / 16)
-    bar = cylinder(2, (out, y + radius * math.cos(math.pi / 16), z), 0.011, 1.12 * side, 8)
-    return made + [turned(bar, 0, 2 * math.pi * k / 16, (0.0, y, z)) for k in range(16)]
+    side = 2 * radius * math.sin(math.pi / 12)
+    bar = cylinder(2, (out, y + radius * math.cos(math.pi / 12), z), 0.011, 1.12 * side, 8)
+    return made + [turned(bar, 0, 2 * math.pi * k / 12, (0.0, y, z)) for k in range(12)]
 
 
 def _lever(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
@@ -308,12 +305,12 @@ def _cash_box(rng: Generator) -> Shape:
     parts = Assembly([box((-d / 2, -w / 2, 0.0), (d / 2, w / 2, rim + INTO))])
     parts.solids.append(box((-d / 2 - 0.002, -w / 2 - 0.002, rim), (d / 2 + 0.002, w / 2 + 0.002, h)))
     cell = Cavity((wall - d / 2, wall - w / 2, wall), (d / 2 - wall, w / 2 - wall, h - wall))
-    tray = rng.uniform() < 0.6
+    tray = rng.uniform() < 0.75
     parts.hollow(cell, INHABITANTS["half_shelf"](rng, cell) if tray else [])
     x, z, half = 0.0, h + rng.uniform(0.018, 0.028), rng.uniform(0.18, 0.25) * w
     parts.fittings.append(cylinder(1, (x, 0.0, z), 0.005, 2 * half, 12))
     parts.fittings += [cylinder(2, (x, s * (half - 0.006), (h + z) / 2), 0.004, z - h + 2 * INTO, 12) for s in (-1, 1)]
-    parts.fittings.append(cylinder(0, (d / 2, 0.0, rim - 0.018), 0.011, 0.014, 20))
-    parts.fittings.append(box((d / 2, -0.003, rim - 0.024), (d / 2 + 0.009, 0.003, rim - 0.012)))
+    parts.fittings.append(cylinder(0, (d / 2 + 0.006, 0.0, rim - 0.018), 0.011, 0.014, 20))
+    parts.fittings.append(box((d / 2 + 0.012, -0.003, rim - 0.024), (d / 2 + 0.015, 0.003, rim - 0.012)))
     parts.fittings += [cylinder(1, (-d / 2 - 0.002, s * 0.3 * w, rim), 0.004, 0.2 * w, 12) for s in (-1, 1)]
     return parts.shape("safe", "cash_box-tray" if tray else "cash_box-empty", None)
