@@ -22,7 +22,9 @@ def make_box(rng: Generator) -> Shape:
     return KINDS[name][0](rng, name)
 
 
-def _corners(rng: Generator, w: tuple[float, float], d: tuple[float, float], h: tuple[float, float]) -> tuple[Vector, Vector]:
+def _corners(
+    rng: Generator, w: tuple[float, float], d: tuple[float, float], h: tuple[float, float]
+) -> tuple[Vector, Vector]:
     """Return the corners of a body on the floor: width along y, depth along x, height."""
     y, x, z = (rng.uniform(*r) for r in (w, d, h))
     return (-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)
@@ -54,7 +56,9 @@ def _side_grips(rng: Generator, low: Vector, high: Vector, share: float) -> list
 def _latches(rng: Generator, x: float, y: tuple[float, ...], z: float, size: float) -> list[Mesh]:
     """Return plates with a staple across the joint of lid and body, on the front."""
     plates = [box((x - INTO, at - size / 2, z - size), (x + 0.006, at + size / 2, z + 0.5 * size)) for at in y]
-    return plates + [box((x + 0.005, at - size / 5, z - size / 2), (x + 0.014, at + size / 5, z + size / 4)) for at in y]
+    return plates + [
+        box((x + 0.005, at - size / 5, z - size / 2), (x + 0.014, at + size / 5, z + size / 4)) for at in y
+    ]
 
 
 def _carton(rng: Generator, name: str) -> Shape:
@@ -108,7 +112,10 @@ def _crate(rng: Generator, name: str) -> Shape:
         words = ["posts"]
         (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
         for a in ((x0 - INTO, x0 + post), (x1 - post, x1 + INTO)):
-            held += [box((a[0], b[0], z0 - INTO), (a[1], b[1], z1 + INTO)) for b in ((y0 - INTO, y0 + post), (y1 - post, y1 + INTO))]
+            held += [
+                box((a[0], b[0], z0 - INTO), (a[1], b[1], z1 + INTO))
+                for b in ((y0 - INTO, y0 + post), (y1 - post, y1 + INTO))
+            ]
     parts.hollow(cell, held)
     out, under = 0.012, z - thick - 0.001
     rows = np.linspace(0.0, under, int(rng.integers(3, 5)) + 1)
@@ -121,14 +128,22 @@ def _crate(rng: Generator, name: str) -> Shape:
     return parts.shape("box", "-".join([name, *words]), top)
 
 
-def _arch(width: float, shoulder: float, rise: float, sides: int = 24) -> Points:
-    """Return the anticlockwise (across, z) outline of a box with an elliptic arch on top: its crest is a corner."""
-    turn = np.linspace(0, math.pi, sides + 1)
-    arc = np.column_stack([width / 2 * np.cos(turn), shoulder + rise * np.sin(turn)])
+def _arch(width: float, shoulder: float, rise: float) -> Points:
+    """Return the anticlockwise (across, z) outline of a box with a vault of twelve staves on top.
+
+    The vault is a superellipse of power 3, squarer than a circle: the end walls fill 95 % of the cavity's ends. A
+    crest between two staves leaves no level patch.
+    """
+    turn = np.linspace(0, math.pi, 13)
+    c, s = np.cos(turn), np.sin(turn)
+    arc = np.column_stack([width / 2 * np.sign(c) * np.abs(c) ** (2 / 3), shoulder + rise * np.abs(s) ** (2 / 3)])
+    arc[[0, -1], 1] = shoulder
     return np.concatenate([[[-width / 2, 0.0], [width / 2, 0.0]], arc])
 
 
-def _vault(parts: Assembly, axis: int, width: float, span: tuple[float, float], shoulder: float, rise: float, wall: float) -> Cavity:
+def _vault(
+    parts: Assembly, axis: int, width: float, span: tuple[float, float], shoulder: float, rise: float, wall: float
+) -> Cavity:
     """Add a hollow arched body along x (0) or y (1); return its cavity, which reaches to the arch's inner crest."""
 
     def along(outline: Points, lift: float, ends: tuple[float, float]) -> Mesh:
@@ -148,7 +163,7 @@ def _vault(parts: Assembly, axis: int, width: float, span: tuple[float, float], 
 def _chest(rng: Generator, name: str) -> Shape:
     """A treasure chest: a vaulted lid along y with bands, a lock plate, grips at both ends."""
     w, d, h = rng.uniform(0.5, 1.1), rng.uniform(0.35, 0.55), rng.uniform(0.25, 0.4)
-    rise, wall = rng.uniform(0.25, 0.5) * d, rng.uniform(0.013, 0.02)
+    rise, wall = rng.uniform(0.25, 0.42) * h, rng.uniform(0.013, 0.02)
     parts = Assembly()
     parts.cavities.append(_vault(parts, 1, d, (-w / 2, w / 2), h, rise, wall))
     for y in (-0.36 * w, 0.36 * w):
@@ -164,22 +179,25 @@ def _chest(rng: Generator, name: str) -> Shape:
 def _mail_box(rng: Generator, name: str) -> Shape:
     """A rural mail box, a tunnel along x with a flag; or a letter box for walls with a sloped roof."""
     if rng.uniform() < 0.6:
-        w, d, h = rng.uniform(0.16, 0.24), rng.uniform(0.42, 0.52), rng.uniform(0.1, 0.16)
-        wall, parts = 0.006, Assembly()
-        parts.cavities.append(_vault(parts, 0, w, (-d / 2, d / 2), h, w / 2, wall))
-        rim = _arch(w + 0.01, h, w / 2 + 0.005)
+        w, d, h = rng.uniform(0.16, 0.24), rng.uniform(0.42, 0.52), rng.uniform(0.15, 0.2)
+        wall, rise, parts = 0.006, min(0.4 * w, 0.45 * h), Assembly()
+        parts.cavities.append(_vault(parts, 0, w, (-d / 2, d / 2), h, rise, wall))
+        rim = _arch(w + 0.01, h, rise + 0.005)
         parts.solids.append(prism(rim, 0, d / 2 - 0.02, d / 2 + 0.004))
-        parts.fittings += knob(rng, d / 2 + 0.004, 0.0, h + 0.3 * w)
+        parts.fittings += knob(rng, d / 2 + 0.004, 0.0, h + 0.5 * rise)
         y, x = w / 2, -0.1 * d
-        parts.fittings.append(box((x - 0.006, y - INTO, 0.8 * h), (x + 0.006, y + 0.008, h + 0.6 * w)))
-        parts.fittings.append(box((x - 0.006, y + 0.002, h + 0.3 * w), (x + 0.06, y + 0.008, h + 0.55 * w)))
-        # The flag's upper edges are the only level patches near the highest point if they reach it.
+        parts.fittings.append(box((x - 0.006, y - INTO, 0.8 * h), (x + 0.006, y + 0.008, 0.95 * h)))
+        parts.fittings.append(box((x - 0.006, y + 0.002, 0.95 * h - 0.03), (x + 0.06, y + 0.008, 0.95 * h)))
         return parts.shape("box", f"{name}-rural", None)
     w, d, h, wall = rng.uniform(0.26, 0.38), rng.uniform(0.1, 0.18), rng.uniform(0.3, 0.42), 0.006
     parts, back = Assembly([box((-d / 2, -w / 2, 0.0), (d / 2, w / 2, h))]), rng.uniform(0.05, 0.09)
     roof = np.array([[h - INTO, -d / 2], [h + back, -d / 2], [h, d / 2 + 0.02], [h - INTO, d / 2 + 0.02]])
     parts.solids.append(prism(roof, 1, -w / 2 - 0.008, w / 2 + 0.008))
-    held = INHABITANTS["half_shelf"](rng, _room((-d / 2, -w / 2, 0.0), (d / 2, w / 2, h), wall)) if rng.uniform() < 0.3 else []
+    held = (
+        INHABITANTS["half_shelf"](rng, _room((-d / 2, -w / 2, 0.0), (d / 2, w / 2, h), wall))
+        if rng.uniform() < 0.3
+        else []
+    )
     parts.hollow(_room((-d / 2, -w / 2, 0.0), (d / 2, w / 2, h), wall), held)
     x = d / 2
     parts.fittings.append(box((x - INTO, -0.4 * w, 0.12 * h), (x + 0.004, 0.4 * w, 0.55 * h)))
@@ -202,7 +220,9 @@ def _tool_box(rng: Generator, name: str) -> Shape:
     parts.fittings.append(cylinder(1, (0.0, 0.0, z + up), 0.011, 2 * half, 12))
     post = np.array([[-0.012, -0.008], [0.012, -0.008], [0.012, 0.008], [-0.012, 0.008]])
     for s in (-1, 1):
-        parts.fittings.append(leaning(post, (0.0, s * (half - 0.012), z - INTO), (0.0, s * (half - 0.012), z + up), 0.7))
+        parts.fittings.append(
+            leaning(post, (0.0, s * (half - 0.012), z - INTO), (0.0, s * (half - 0.012), z + up), 0.7)
+        )
     parts.fittings += _latches(rng, x + 0.003, (-0.55 * y, 0.55 * y), joint + 0.004, 0.035)
     return parts.shape("box", f"{name}-{'tray' if tray else 'empty'}", None)
 
@@ -238,7 +258,7 @@ def _compartments(rng: Generator, name: str) -> Shape:
         held = [box((a - wall, y0 - INTO, z0 - INTO), (a, y1 + INTO, half)) for a in xs[1:-1]]
         held += [box((x0 - INTO, c - wall, z0 - INTO), (x1 + INTO, c, half)) for c in ys[1:-1]]
         parts.hollow(Cavity(cell[0], cell[1]), held)
-    parts.fittings += _latches(rng, high[0] + 0.003, (0.0,), high[2] - thick / 2, 0.014)
+    parts.fittings += _latches(rng, high[0] + 0.003, (0.0,), high[2] - thick - 0.006, 0.014)
     return parts.shape("box", f"{name}-{'full' if full else 'half'}{columns}x{rows}", top)
 
 
@@ -262,7 +282,11 @@ def _cooler(rng: Generator, name: str) -> Shape:
     cell = Cavity((low[0] + wall, low[1] + wall, wall), (x - wall, y - wall, z - thick))
     inside = str(rng.choice(["step", "divider", "empty"], p=[0.4, 0.3, 0.3]))
     if inside == "step":
-        (x0, y0, z0), rise, run = cell.low, rng.uniform(0.25, 0.4) * cell.sizes[2], rng.uniform(0.25, 0.35) * cell.sizes[1]
+        (x0, y0, z0), rise, run = (
+            cell.low,
+            rng.uniform(0.25, 0.4) * cell.sizes[2],
+            rng.uniform(0.25, 0.35) * cell.sizes[1],
+        )
         parts.voids += [box((x0, y0, z0 + rise), cell.high), box((x0, y0 + run, z0), cell.high)]
         parts.cavities.append(Cavity(cell.low, cell.high, inhabited=True))
     else:
@@ -270,7 +294,9 @@ def _cooler(rng: Generator, name: str) -> Shape:
     parts.fittings += _side_grips(rng, low, high, 0.7)
     parts.fittings += _latches(rng, x, (-0.4 * y, 0.4 * y), z - thick - 0.012, 0.03)
     parts.fittings.append(cylinder(0, (x + 0.01, 0.7 * y, 0.06), 0.016, 0.022, 16))
-    parts.fittings += [box((low[0] + 0.02, s * 0.8 * y - 0.01, 0.0), (x - 0.02, s * 0.8 * y + 0.01, 0.004)) for s in (-1, 1)]
+    parts.fittings += [
+        box((low[0] + 0.02, s * 0.8 * y - 0.01, 0.0), (x - 0.02, s * 0.8 * y + 0.01, 0.004)) for s in (-1, 1)
+    ]
     return parts.shape("box", f"{name}-{inside}", top)
 
 
@@ -279,7 +305,12 @@ def _display_case(rng: Generator, name: str) -> Shape:
     low, high = _corners(rng, (0.3, 0.6), (0.25, 0.4), (0.3, 0.6))
     longest, (x, y, z) = max(2 * high[1], high[2]), high
     pane, base = 0.011 * longest, rng.uniform(0.04, 0.07)
-    parts = Assembly([box((low[0], low[1], base - INTO), high), box((low[0] - 0.015, low[1] - 0.015, 0.0), (x + 0.015, y + 0.015, base))])
+    parts = Assembly(
+        [
+            box((low[0], low[1], base - INTO), high),
+            box((low[0] - 0.015, low[1] - 0.015, 0.0), (x + 0.015, y + 0.015, base)),
+        ]
+    )
     cell = Cavity((low[0] + pane, low[1] + pane, base), (x - pane, y - pane, z - pane))
     inside = str(rng.choice(["stand", "shelves", "empty"], p=[0.45, 0.35, 0.2]))
     held: list[Mesh] = []
@@ -304,7 +335,7 @@ def _display_case(rng: Generator, name: str) -> Shape:
 def _bread_box(rng: Generator, name: str) -> Shape:
     """A bread box: its lid is a quarter of an ellipse from the top down to the front, with a grip along its edge."""
     w, d, h = rng.uniform(0.35, 0.48), rng.uniform(0.24, 0.3), rng.uniform(0.18, 0.24)
-    wall, flat, shoulder = 0.011 * w, rng.uniform(0.35, 0.5) * d, rng.uniform(0.2, 0.35) * h
+    wall, flat, shoulder = 0.011 * w, rng.uniform(0.6, 0.7) * d, rng.uniform(0.5, 0.6) * h
 
     def outline(inset: float) -> Points:
         turn = np.linspace(0, math.pi / 2, 13)
@@ -340,17 +371,17 @@ def _blanket_box(rng: Generator, name: str) -> Shape:
 
 KINDS: dict[str, tuple[Callable[[Generator, str], Shape], float]] = {
     "carton": (_carton, 1.3),
-    "open_carton": (_open_carton, 1.0),
+    "open_carton": (_open_carton, 1.8),
     "crate": (_crate, 1.3),
     "chest": (_chest, 0.7),
     "mail_box": (_mail_box, 0.8),
     "tool_box": (_tool_box, 1.3),
-    "shoe_box": (_shoe_box, 0.8),
+    "shoe_box": (_shoe_box, 1.0),
     "compartments": (_compartments, 1.6),
     "drawer_box": (_drawer_box, 1.2),
     "cooler": (_cooler, 1.4),
-    "display_case": (_display_case, 1.3),
+    "display_case": (_display_case, 1.1),
     "bread_box": (_bread_box, 0.6),
-    "blanket_box": (_blanket_box, 0.8),
+    "blanket_box": (_blanket_box, 1.1),
 }
 """The maker and the weight of each kind."""
