@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import microwaves, refrigerators, storage, strongboxes, tables, vessels, washers
+from eigenbench.generators import crates, microwaves, refrigerators, storage, strongboxes, tables, vessels, washers
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
@@ -18,6 +18,7 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
     },
     "environment": {
         "train": {
+            "box": 21,
             "microwave": 9,
             "refrigerator": 34,
             "safe": 21,
@@ -26,6 +27,7 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
             "washing_machine": 13,
         },
         "test": {
+            "box": 7,
             "microwave": 3,
             "refrigerator": 9,
             "safe": 7,
@@ -48,6 +50,7 @@ MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
         "mug": vessels.make_mug,
     },
     "environment": {
+        "box": crates.make_box,
         "microwave": microwaves.make_microwave,
         "refrigerator": refrigerators.make_refrigerator,
         "safe": strongboxes.make_safe,

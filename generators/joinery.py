@@ -206,7 +206,9 @@ def drawer_block(
             a, b = y0 + wall + c * w, z0 + wall + r * h
             parts.hollow(Cavity((x0 + wall, a, b), (front - wall, a + w - wall, b + h - wall)))
             edge = 0.35 * wall
-            panel = box((front - INTO, a - edge, b - edge), (front + wall / 2, a + w - wall + edge, b + h - wall + edge))
+            panel = box(
+                (front - INTO, a - edge, b - edge), (front + wall / 2, a + w - wall + edge, b + h - wall + edge)
+            )
             parts.fittings.append(panel)
             parts.fittings += GRIPS[grip](rng, front + wall / 2, a + (w - wall) / 2, b + (h - wall) / 2, w)
 

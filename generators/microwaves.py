@@ -84,8 +84,14 @@ def make_microwave(rng: Generator) -> Shape:
         rim, back = rng.uniform(0.02, 0.05), d / 2 - 0.02
         top = rectangle(low, (back, w / 2, 0.0))
         flange = h + lift + 0.01
-        ring = [((-w / 2 - rim, 0.0), (w / 2 + rim, lift + 0.005)), ((-w / 2 - rim, flange - 0.015), (w / 2 + rim, flange))]
-        ring += [((s * w / 2 - (rim if s < 0 else 0.005), 0.0), (s * w / 2 + (rim if s > 0 else 0.005), flange)) for s in (-1, 1)]
+        ring = [
+            ((-w / 2 - rim, 0.0), (w / 2 + rim, lift + 0.005)),
+            ((-w / 2 - rim, flange - 0.015), (w / 2 + rim, flange)),
+        ]
+        ring += [
+            ((s * w / 2 - (rim if s < 0 else 0.005), 0.0), (s * w / 2 + (rim if s > 0 else 0.005), flange))
+            for s in (-1, 1)
+        ]
         parts.fittings += [box((back, *a), (d / 2 - 0.002, *b)) for a, b in ring]
     return parts.shape("microwave", "-".join([name, floor, *words]), Top(top, lift + h))
 
@@ -97,7 +103,9 @@ def _oven(rng: Generator, kind: Kind, case: _Case, parts: Assembly, floor: str, 
     y1 = case.half if kind.above else case.half - share * 2 * case.half
     z1 = case.high - share * tall if kind.above else case.high
     front = case.front
-    cell = Cavity((wall + 0.02 - front, wall - case.half, case.low + wall + 0.008), (front - SKIN, y1 - wall, z1 - wall))
+    cell = Cavity(
+        (wall + 0.02 - front, wall - case.half, case.low + wall + 0.008), (front - SKIN, y1 - wall, z1 - wall)
+    )
     parts.hollow(cell, FLOORS[floor](rng, cell))
     if not kind.above and rng.uniform() < 0.5:
         words.append("hollow")
@@ -108,7 +116,9 @@ def _oven(rng: Generator, kind: Kind, case: _Case, parts: Assembly, floor: str, 
     parts.fittings += _pane(case, (y1, z1), face)
     parts.fittings += _door_grip(rng, case, (y1, z1), face, kind)
     if kind.above:
-        parts.fittings.append(box((front - INTO, gap - case.half, z1 + gap), (face, case.half - gap, case.high - 3 * gap)))
+        parts.fittings.append(
+            box((front - INTO, gap - case.half, z1 + gap), (face, case.half - gap, case.high - 3 * gap))
+        )
         parts.fittings.append(box((face, -0.12, z1 + 0.02), (face + 0.003, 0.12, case.high - 0.025)))
     else:
         parts.fittings.append(box((front - INTO, y1 + gap, case.low + gap), (face, case.half - gap, z1 - 3 * gap)))
@@ -152,7 +162,10 @@ def _controls(rng: Generator, case: _Case, y1: float, face: float, kind: Kind) -
             y, low = middle + c * pitch, case.low + 0.24 * tall + r * step
             made.append(box((face - INTO, y - 0.38 * pitch, low), (face + 0.003, y + 0.38 * pitch, low + 0.6 * step)))
     low = case.low + 0.07 * tall
-    return [*made, box((face - INTO, middle - 0.36 * wide, low), (face + 0.004, middle + 0.36 * wide, low + 0.1 * tall))]
+    return [
+        *made,
+        box((face - INTO, middle - 0.36 * wide, low), (face + 0.004, middle + 0.36 * wide, low + 0.1 * tall)),
+    ]
 
 
 def _vents(rng: Generator, case: _Case, name: str) -> list[Mesh]:

@@ -121,11 +121,17 @@ def _doors(
         if style == "bar":
             parts.fittings += handle_bar(rng, front + thick, y, at, length, 1 if flat else 2)
         else:
-            a, b = ((y - length / 2, y + length / 2), (at - 0.012, at + 0.012)) if flat else ((y - 0.012, y + 0.012), (at - length / 2, at + length / 2))
+            a, b = (
+                ((y - length / 2, y + length / 2), (at - 0.012, at + 0.012))
+                if flat
+                else ((y - 0.012, y + 0.012), (at - length / 2, at + length / 2))
+            )
             parts.fittings.append(box((front + thick - INTO, a[0], b[0]), (front + thick + 0.02, a[1], b[1])))
         cap = y0 + 0.01 if opening > 0 else y1 - 0.05
         if not flat:
-            parts.fittings.append(box((front + 0.006, cap, z[1] - 3 * gap), (front + thick - 0.006, cap + 0.04, z[1] - gap)))
+            parts.fittings.append(
+                box((front + 0.006, cap, z[1] - 3 * gap), (front + thick - 0.006, cap + 0.04, z[1] - gap))
+            )
 
 
 def _grille(rng: Generator, front: float, w: float, lift: float, kick: float) -> list[Mesh]:
@@ -140,7 +146,10 @@ def _condenser(rng: Generator, back: float, w: float, h: float) -> list[Mesh]:
         return []
     z = np.linspace(0.35 * h, 0.85 * h, 5)
     tubes = [box((back - 0.008, -0.4 * w, at), (back + INTO, 0.4 * w, at + 0.008)) for at in z.tolist()]
-    return [*tubes, *(box((back - 0.008, y, 0.35 * h), (back + INTO, y + 0.008, 0.85 * h)) for y in (-0.4 * w, 0.4 * w - 0.008))]
+    return [
+        *tubes,
+        *(box((back - 0.008, y, 0.35 * h), (back + INTO, y + 0.008, 0.85 * h)) for y in (-0.4 * w, 0.4 * w - 0.008)),
+    ]
 
 
 def _dispenser(rng: Generator, front: float, y: float, h: float) -> list[Mesh]:
@@ -190,7 +199,10 @@ def _racks(rng: Generator, cell: Cavity, out: float) -> list[Mesh]:
     made = []
     for z in (z0 + (np.arange(count) + rng.uniform(0.25, 0.5)) * (z1 - z0) / count).tolist():
         a, b = (x1 - out, y0 - INTO), (x1 + INTO, y1 + INTO)
-        made += [box((*a, z), (*b, z + 0.008)), box((*a, z), (a[0] + 0.008, b[1], z + min(0.07, 0.2 * (z1 - z0) / count)))]
+        made += [
+            box((*a, z), (*b, z + 0.008)),
+            box((*a, z), (a[0] + 0.008, b[1], z + min(0.07, 0.2 * (z1 - z0) / count))),
+        ]
     return made
 
 
@@ -203,7 +215,12 @@ def _crisper(rng: Generator, parts: Assembly, cell: Cavity, depth: float, height
         y = y0 + k * (width + wall)
         parts.hollow(Cavity((x0, y, z0), (x0 + depth - wall, y + width, z0 + height - wall)))
         x, middle = x0 + depth, y + width / 2
-        parts.fittings.append(box((x - INTO, middle - 0.2 * width, z0 + 0.7 * height), (x + 0.012, middle + 0.2 * width, z0 + 0.75 * height)))
+        parts.fittings.append(
+            box(
+                (x - INTO, middle - 0.2 * width, z0 + 0.7 * height),
+                (x + 0.012, middle + 0.2 * width, z0 + 0.75 * height),
+            )
+        )
 
 
 def _cooler(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
@@ -213,7 +230,9 @@ def _cooler(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> li
     if rng.uniform() < 0.15 or back > 0.6 * x:
         return _full_shelves(rng, parts, cell, longest)
     base = str(rng.choice(["crisper", "step", "flat"], p=[0.55, 0.25, 0.2]))
-    depth, height = _hump(rng, cell, longest) if base == "step" else (x - back, max(rng.uniform(0.18, 0.24), 0.08 * longest))
+    depth, height = (
+        _hump(rng, cell, longest) if base == "step" else (x - back, max(rng.uniform(0.18, 0.24), 0.08 * longest))
+    )
     if base == "flat" or height > 0.45 * z or (base == "step" and height < PASSAGE * longest):
         base, height = "flat", 0.0
         parts.voids.append(box(cell.low, cell.high))
@@ -225,7 +244,11 @@ def _cooler(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> li
     racks = _racks(rng, cell, back - PASSAGE * longest) if rng.uniform() < 0.8 else []
     parts.fittings += shelves + racks
     parts.cavities.append(Cavity(cell.low, cell.high, inhabited=base != "flat" or bool(shelves + racks)))
-    return [*(["crisper"] if base == "crisper" else []), *(["racks"] if racks else []), *(["shelves"] if shelves else [])]
+    return [
+        *(["crisper"] if base == "crisper" else []),
+        *(["racks"] if racks else []),
+        *(["shelves"] if shelves else []),
+    ]
 
 
 def _full_shelves(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
@@ -268,7 +291,9 @@ def _baskets(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> l
 def _shelved(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
     """A tall, narrow freezer: shelves set back and racks in the door."""
     back = max(0.24 * cell.sizes[0], 0.08 + PASSAGE * longest)
-    inside = _shelves(rng, cell, cell.low[2], back, longest, rng.uniform(0.18, 0.3)) + _racks(rng, cell, back - PASSAGE * longest)
+    inside = _shelves(rng, cell, cell.low[2], back, longest, rng.uniform(0.18, 0.3)) + _racks(
+        rng, cell, back - PASSAGE * longest
+    )
     parts.hollow(cell, inside)
     return ["shelves"]
 
@@ -283,7 +308,9 @@ def _ice_box(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> l
     parts.hollow(Cavity((x0, y0, below + wall), (x1 - back - wall, y1, z1)))
     rest = Cavity((x0, y0, z0), (x1, y1, below))
     parts.fittings += _shelves(rng, rest, z0, back, longest, rng.uniform(0.17, 0.26))
-    parts.fittings.append(box((x1 - back - INTO, y0 + 0.04, below + 0.02), (x1 - back + 0.012, y0 + 0.12, below + 0.04)))
+    parts.fittings.append(
+        box((x1 - back - INTO, y0 + 0.04, below + 0.02), (x1 - back + 0.012, y0 + 0.12, below + 0.04))
+    )
     parts.cavities.append(Cavity(cell.low, cell.high, inhabited=True))
     return ["shelves"]
 
@@ -349,6 +376,10 @@ def _chest_freezer(rng: Generator) -> Shape:
         parts.fittings.append(box((-d / 2 + 0.02, a, rim), (d / 2 + 0.01, b, h)))
         grip = (a + b) / 2, h - 0.7 * lid
         parts.fittings.append(box((d / 2, grip[0] - 0.09, grip[1]), (d / 2 + 0.04, grip[0] + 0.09, grip[1] + 0.02)))
-    parts.fittings += [box((d / 2 - INTO, 0.25 * w, at), (d / 2 + 0.006, 0.42 * w, at + 0.005)) for at in (0.08, 0.1, 0.12, 0.14)]
+    parts.fittings += [
+        box((d / 2 - INTO, 0.25 * w, at), (d / 2 + 0.006, 0.42 * w, at + 0.005)) for at in (0.08, 0.1, 0.12, 0.14)
+    ]
     a, b = lids[-1]
-    return parts.shape("refrigerator", f"chest_freezer-{word}", Top(rectangle((-d / 2 + 0.02, a, 0.0), (d / 2 + 0.01, b, 0.0)), h))
+    return parts.shape(
+        "refrigerator", f"chest_freezer-{word}", Top(rectangle((-d / 2 + 0.02, a, 0.0), (d / 2 + 0.01, b, 0.0)), h)
+    )

@@ -67,7 +67,7 @@ def _with_doors(rng: Generator, name: str, kind: Kind) -> Shape:
     w, d, h = (rng.uniform(*r) for r in (kind.width, kind.depth, kind.height))
     wall, base = rng.uniform(*kind.wall), str(rng.choice(kind.base))
     lift = {"none": 0.0, "feet": rng.uniform(0.015, 0.03), "casters": rng.uniform(0.05, 0.07)}[base]
-    rim = rng.uniform(0.03, 0.06) if name == "wall" else 0.0
+    rim = rng.uniform(0.035, 0.05) * h if name == "wall" else 0.0
     lift += rim
     low, high = (-d / 2, -w / 2, lift), (d / 2, w / 2, lift + h)
     parts = Assembly([box(low, high)])
@@ -92,20 +92,16 @@ def _with_doors(rng: Generator, name: str, kind: Kind) -> Shape:
     back = d / 2
     if rim:
         back = d / 2 - 0.006
-        parts.fittings.append(_flange(parts, low, high, rim, back))
+        # The plate around the front; the case itself closes its middle.
+        a, b = (back, low[1] - rim, low[2] - rim), (d / 2 + 0.004, high[1] + rim, high[2] + rim)
+        parts.fittings.append(box(a, b))
     top = Top(rectangle(low, (back, high[1], 0.0)), high[2])
-    if rim > 0.05 * (h + 2 * rim):
-        # The flange's upper edge is the only level patch near the highest point.
-        top = Top(rectangle((back, -w / 2 - rim, 0.0), (d / 2 + 0.004, w / 2 + rim, 0.0)), high[2] + rim)
     return parts.shape("safe", "-".join([name, lock, base, *words]), top)
 
 
-def _flange(parts: Assembly, low: tuple[float, float, float], high: tuple[float, float, float], rim: float, x: float) -> Mesh:
-    """Return the plate around the front of a wall safe; the case itself closes its middle."""
-    return box((x, low[1] - rim, low[2] - rim), (high[0] + 0.004, high[1] + rim, high[2] + rim))
-
-
-def _door(rng: Generator, parts: Assembly, front: float, thick: float, where: tuple[float, float, float, float], lock: str) -> None:
+def _door(
+    rng: Generator, parts: Assembly, front: float, thick: float, where: tuple[float, float, float, float], lock: str
+) -> None:
     """Hang a door slab with hinge knuckles on the left and the lock's parts on it."""
     y0, y1, z0, z1 = where
     parts.fittings.append(box((front - INTO, y0, z0), (front + thick, y1, z1)))
@@ -120,7 +116,11 @@ def _dial(rng: Generator, x: float, where: tuple[float, float, float, float]) ->
     """A numbered dial: a ring and a knob with a grooved edge, above the middle."""
     y0, y1, z0, z1 = where
     y, z, radius = (y0 + y1) / 2, z0 + 0.68 * (z1 - z0), min(rng.uniform(0.035, 0.05), 0.15 * (z1 - z0))
-    return [cylinder(0, (x + 0.004, y, z), 1.3 * radius, 0.01, 32), cylinder(0, (x + 0.02, y, z), radius, 0.04, 20), cylinder(0, (x + 0.04, y, z), 0.5 * radius, 0.02, 16)]
+    return [
+        cylinder(0, (x + 0.004, y, z), 1.3 * radius, 0.01, 32),
+        cylinder(0, (x + 0.02, y, z), radius, 0.04, 20),
+        cylinder(0, (x + 0.04, y, z), 0.5 * radius, 0.02, 16),
+    ]
 
 
 def _keypad(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
@@ -152,7 +152,9 @@ def _digital(rng: Generator, x: float, where: tuple[float, float, float, float])
     return [*made, box((x + 0.01, knob[0] - 0.026, knob[1] - 0.006), (x + 0.038, knob[0] + 0.026, knob[1] + 0.006))]
 
 
-def _spoked(rng: Generator, x: float, where: tuple[float, float, float, float]) -> tuple[list[Mesh], float, float, float, float]:
+def _spoked(
+    rng: Generator, x: float, where: tuple[float, float, float, float]
+) -> tuple[list[Mesh], float, float, float, float]:
     """Return hub and spokes of a turned handle below the middle, its centre, radius and distance."""
     y0, y1, z0, z1 = where
     radius = min(rng.uniform(0.07, 0.11), 0.2 * (z1 - z0), 0.26 * (y1 - y0))
@@ -178,9 +180,9 @@ def _spokes(rng: Generator, x: float, where: tuple[float, float, float, float]) 
 def _wheel(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
     """A handle wheel: spokes within a rim of straight bars."""
     made, y, z, radius, out = _spoked(rng, x, where)
-    side = 2 * radius * math.sin(math.pi / 16)
-    bar = cylinder(2, (out, y + radius * math.cos(math.pi / 16), z), 0.011, 1.12 * side, 8)
-    return made + [turned(bar, 0, 2 * math.pi * k / 16, (0.0, y, z)) for k in range(16)]
+    side = 2 * radius * math.sin(math.pi / 12)
+    bar = cylinder(2, (out, y + radius * math.cos(math.pi / 12), z), 0.011, 1.12 * side, 8)
+    return made + [turned(bar, 0, 2 * math.pi * k / 12, (0.0, y, z)) for k in range(12)]
 
 
 def _lever(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
@@ -238,9 +240,14 @@ def _bolts(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> Non
     (_, y0, z0), (x1, y1, z1) = cell.low, cell.high
     radius = min(0.012, 0.05 * (z1 - z0))
     x, length = x1 - 2.5 * radius, min(0.05, 0.15 * (y1 - y0))
-    bolts = [cylinder(1, (x, y1 - length / 2 + INTO, z0 + s * (z1 - z0)), radius, length, 12) for s in (0.25, 0.5, 0.75)]
+    bolts = [
+        cylinder(1, (x, y1 - length / 2 + INTO, z0 + s * (z1 - z0)), radius, length, 12) for s in (0.25, 0.5, 0.75)
+    ]
     middle = (y0 + y1) / 2, (z0 + z1) / 2
-    case = box((x1 - min(0.04, 0.15 * cell.sizes[0]), middle[0] - 0.2 * (y1 - y0), middle[1] - 0.15 * (z1 - z0)), (x1 + INTO, middle[0] + 0.1 * (y1 - y0), middle[1] + 0.15 * (z1 - z0)))
+    case = box(
+        (x1 - min(0.04, 0.15 * cell.sizes[0]), middle[0] - 0.2 * (y1 - y0), middle[1] - 0.15 * (z1 - z0)),
+        (x1 + INTO, middle[0] + 0.1 * (y1 - y0), middle[1] + 0.15 * (z1 - z0)),
+    )
     parts.hollow(cell, [*bolts, case])
 
 
@@ -251,7 +258,11 @@ def _locker(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> No
     back = max(0.25 * (x1 - x0), LEAST * longest)
     wide = min(rng.uniform(0.45, 1.0) * (y1 - y0), y1 - y0 - LEAST * longest)
     below = z1 - max(rng.uniform(0.3, 0.4) * (z1 - z0), LEAST * longest + wall)
-    parts.voids += [box(cell.low, (x1, y1, below)), box((x1 - back, y0, z0), cell.high), box((x0, y0, z0), (x1, y1 - wide, z1))]
+    parts.voids += [
+        box(cell.low, (x1, y1, below)),
+        box((x1 - back, y0, z0), cell.high),
+        box((x0, y0, z0), (x1, y1 - wide, z1)),
+    ]
     parts.hollow(Cavity((x0, y1 - wide + wall, below + wall), (x1 - back - wall, y1, z1)))
     parts.fittings.append(cylinder(0, (x1 - back, y1 - wide / 2, (below + z1) / 2), 0.012, 0.012, 12))
     parts.cavities.append(Cavity(cell.low, cell.high, inhabited=True))
@@ -265,7 +276,9 @@ def _rifles(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> No
     for y in np.linspace(y0, y1, int(rng.integers(5, 8)))[1:-1].tolist():
         made.append(box((x0, y - 0.012, z), (x0 + reach, y + 0.012, z + 0.04)))
     shelf = z0 + rng.uniform(0.72, 0.8) * (z1 - z0)
-    made.append(box((x0 - INTO, y0 - INTO, shelf), (x0 + rng.uniform(0.45, 0.65) * (x1 - x0), y1 + INTO, shelf + 0.016)))
+    made.append(
+        box((x0 - INTO, y0 - INTO, shelf), (x0 + rng.uniform(0.45, 0.65) * (x1 - x0), y1 + INTO, shelf + 0.016))
+    )
     parts.hollow(cell, made)
 
 
@@ -308,12 +321,12 @@ def _cash_box(rng: Generator) -> Shape:
     parts = Assembly([box((-d / 2, -w / 2, 0.0), (d / 2, w / 2, rim + INTO))])
     parts.solids.append(box((-d / 2 - 0.002, -w / 2 - 0.002, rim), (d / 2 + 0.002, w / 2 + 0.002, h)))
     cell = Cavity((wall - d / 2, wall - w / 2, wall), (d / 2 - wall, w / 2 - wall, h - wall))
-    tray = rng.uniform() < 0.6
+    tray = rng.uniform() < 0.75
     parts.hollow(cell, INHABITANTS["half_shelf"](rng, cell) if tray else [])
     x, z, half = 0.0, h + rng.uniform(0.018, 0.028), rng.uniform(0.18, 0.25) * w
     parts.fittings.append(cylinder(1, (x, 0.0, z), 0.005, 2 * half, 12))
     parts.fittings += [cylinder(2, (x, s * (half - 0.006), (h + z) / 2), 0.004, z - h + 2 * INTO, 12) for s in (-1, 1)]
-    parts.fittings.append(cylinder(0, (d / 2, 0.0, rim - 0.018), 0.011, 0.014, 20))
-    parts.fittings.append(box((d / 2, -0.003, rim - 0.024), (d / 2 + 0.009, 0.003, rim - 0.012)))
+    parts.fittings.append(cylinder(0, (d / 2 + 0.006, 0.0, rim - 0.018), 0.011, 0.014, 20))
+    parts.fittings.append(box((d / 2 + 0.012, -0.003, rim - 0.024), (d / 2 + 0.015, 0.003, rim - 0.012)))
     parts.fittings += [cylinder(1, (-d / 2 - 0.002, s * 0.3 * w, rim), 0.004, 0.2 * w, 12) for s in (-1, 1)]
     return parts.shape("safe", "cash_box-tray" if tray else "cash_box-empty", None)

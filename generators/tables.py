@@ -255,7 +255,9 @@ def _carcass(rng: Generator, f: Frame, parts: Assembly) -> list[Mesh]:
         y = low[1] + wall + k * width
         depth = high[0] if front == "open" else high[0] - wall
         cell = Cavity((low[0] + wall, y, lift + wall), (depth, y + width - wall, f.under))
-        held = INHABITANTS[str(rng.choice(["half_shelf", "divider", "hinges"]))](rng, cell) if rng.uniform() < 0.65 else []
+        held = (
+            INHABITANTS[str(rng.choice(["half_shelf", "divider", "hinges"]))](rng, cell) if rng.uniform() < 0.65 else []
+        )
         parts.hollow(cell, held, beyond=INTO if front == "open" else 0.0)
         if front != "open":
             panel = (high[0] - INTO, y - wall / 3, lift + wall / 2), (high[0] + 0.008, y + width - 0.7 * wall, f.under)

@@ -55,7 +55,9 @@ def _front_machine(rng: Generator, parts: Assembly, case: _Case, dryer: bool, tr
     z = min(z0 + rng.uniform(0.4, 0.44), z1 - case.panel - radius - 0.025)
     back, front = x0 + rng.uniform(0.06, 0.1), x1 - SKIN
     glass = rng.uniform(0.55, 0.65) * radius
-    inside = [] if dryer and rng.uniform() < 0.4 else [bulge((front + INTO, 0.0, z), glass, -rng.uniform(0.06, 0.12), 32)]
+    inside = (
+        [] if dryer and rng.uniform() < 0.4 else [bulge((front + INTO, 0.0, z), glass, -rng.uniform(0.06, 0.12), 32)]
+    )
     if rng.uniform() < 0.7 and inside:
         inside += _paddles(rng, (back, front - 0.14), z, radius)
     _drum(parts, 0, (back, -radius, z - radius), (front, radius, z + radius), radius, inside)
@@ -73,7 +75,9 @@ def _front_machine(rng: Generator, parts: Assembly, case: _Case, dryer: bool, tr
 def _paddles(rng: Generator, x: tuple[float, float], z: float, radius: float) -> list[Mesh]:
     """Return three lifters on the wall of a drum along x."""
     tall, first = rng.uniform(0.2, 0.28) * radius, rng.uniform(0, 2 * math.pi)
-    ridge = np.array([[-0.035, -radius - 0.004], [0.035, -radius - 0.004], [0.016, tall - radius], [-0.016, tall - radius]])
+    ridge = np.array(
+        [[-0.035, -radius - 0.004], [0.035, -radius - 0.004], [0.016, tall - radius], [-0.016, tall - radius]]
+    )
     bar = shifted(prism(ridge, 0, x[0] - INTO, x[1]), (0.0, 0.0, z))
     return [turned(bar, 0, first + k * 2 * math.pi / 3, (0.0, 0.0, z)) for k in range(3)]
 
@@ -131,9 +135,14 @@ def _stacked(rng: Generator, name: str) -> Shape:
     _front_machine(rng, parts, below, dryer=False, tray=False)
     words = _front_machine(rng, parts, above, dryer=True, tray=False)
     inset = 0.008
-    low, high = (below.low[0] + inset, below.low[1] + inset, below.high[2] - INTO), (below.high[0] - inset, below.high[1] - inset, top + INTO)
+    low, high = (
+        (below.low[0] + inset, below.low[1] + inset, below.high[2] - INTO),
+        (below.high[0] - inset, below.high[1] - inset, top + INTO),
+    )
     parts.solids += [box(low, high), *legs(below.low, below.high, 0.045, "round")]
-    return parts.shape("washing_machine", "-".join([name, *words]), Top(rectangle(above.low, above.high), above.high[2]))
+    return parts.shape(
+        "washing_machine", "-".join([name, *words]), Top(rectangle(above.low, above.high), above.high[2])
+    )
 
 
 def _console(rng: Generator, parts: Assembly, low: Vector, high: Vector) -> tuple[float, Top | None]:
@@ -159,7 +168,9 @@ def _lid(parts: Assembly, low: tuple[float, float], high: tuple[float, float], z
     parts.fittings.append(box((high[0] - INTO, middle - 0.06, z), (high[0] + 0.01, middle + 0.06, z + 0.6 * thick)))
 
 
-def _upright_drum(rng: Generator, parts: Assembly, at: tuple[float, float, float], radius: float, z: float, kind: str) -> None:
+def _upright_drum(
+    rng: Generator, parts: Assembly, at: tuple[float, float, float], radius: float, z: float, kind: str
+) -> None:
     """Cut a drum along z with its floor's centre `at`, up to z, with an agitator, an impeller or nothing in it."""
     x, y, z0 = at
     inside: list[Mesh] = []
