@@ -18,9 +18,9 @@ from eigenbench.generators.vessels import ROUND, Body, loop_handle, squarish, ve
 
 Points = NDArray[np.float64]
 
-_T = np.linspace(0.0, 1.0, 11)
+_T = np.linspace(0.0, 1.0, 9)
 _PROFILES = {
-    "straight": np.ones(11),
+    "straight": np.ones(9),
     "tapered": 0.78 + 0.22 * _T,
     "conical": 0.6 + 0.4 * _T,
     "bellied": 0.86 + 0.14 * np.sin(math.pi * _T),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from eigenbench.generators.curves import arc, left_of, quarter, thickest, upright
+from eigenbench.generators.curves import arc, quarter, spline, thickest, upright
 from eigenbench.generators.shapes import Measures, Shape
 from eigenbench.generators.solids import (
     Mesh,
@@ -26,7 +26,7 @@ from eigenbench.generators.solids import (
 Points = NDArray[np.float64]
 Maker = Callable[[Generator], Shape]
 
-SECTIONS = 40
+SECTIONS = 36
 ROUND = ellipse_section(SECTIONS)
 GRIP_SECTIONS = 12
 
@@ -113,7 +113,14 @@ def vessel(radius: Points, height: Points, wall: float, section: Points) -> Body
     floor = height[0] + wall
     z = np.concatenate([[floor], height[height > floor + wall / 4]])
     inner = np.column_stack([np.interp(z, height, radius) - wall, z])
-    return Body(np.column_stack([radius, height]), inner, section)
+    return Body(_bent(np.column_stack([radius, height])), _bent(inner), section)
+
+
+def _bent(rings: Points) -> Points:
+    """Return the rings without those that lie on a straight line between their neighbours."""
+    before, after = rings[1:-1] - rings[:-2], rings[2:] - rings[1:-1]
+    turn = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+    return rings[np.concatenate([[True], turn > 1e-9, [True]])]
 
 
 def full(category: str, name: str, rings: Points, section: Points) -> Shape:
@@ -159,6 +166,24 @@ def loop_handle(
     half = min(thick, 0.9 * thickest(curve))
     section = squarish(power, wide, sections) * half
     return sweep(upright(curve), section)
+
+
+def ear_handle(rng: Generator, wall: Points, inside: Points | None, low_share: float, high_share: float) -> Mesh:
+    """Return a small loop handle toward +x between two shares of a body's height, its ends inside the wall."""
+    height = wall[-1, 1]
+    low, high = low_share * height, high_share * height
+    half = (high - low) / 2
+    reach = half * rng.uniform(1.1, 1.6)
+    control = np.array([(0, 1), (0.6, 1.15), (1.1, 0.9), (1.0, 0.0), (0.6, -0.7), (0, -1)]) * [reach, half]
+    curve = spline(control, 17) + np.array([0.0, (low + high) / 2])
+    rings = np.unique(wall[:, 1], return_index=True)[1]
+    curve[:, 0] += np.interp(curve[:, 1], wall[rings, 1], wall[rings, 0])
+    ends = curve[[0, -1]]
+    for end in ends:
+        within = np.interp(end[1], inside[:, 1], inside[:, 0]) if inside is not None else end[0] - 0.01
+        end[0] = min(float(within) - 0.004, end[0] - 0.008)
+    thick = min(0.28 * half, rng.uniform(0.0035, 0.006))
+    return loop_handle(np.concatenate([ends[:1], curve, ends[1:]]), thick, wide=rng.uniform(1.0, 1.8))
 
 
 def lying(mesh: Mesh, height: float) -> Mesh:
