@@ -131,7 +131,7 @@ def _amphora_jar(rng: Generator) -> Shape:
     curve = spline([(at[0] - 0.009, high), (at[0] + 0.01, high + 0.002), (out - 0.005, high), (out, (low + high) / 2),
                     (at[1] + 0.006, low), (at[1] - 0.008, low - 0.004)], 19)  # fmt: skip
     ear = loop_handle(curve, min(0.006, 0.03 * height), wide=rng.uniform(1.0, 1.6), sections=8)
-    return Shape("jar", "amphora", carved([body.filled, ear, opposite(ear)], [body.hollow]))
+    return Shape("jar", "amphora", carved([body.filled, ear, opposite(ear)], [body.hollow()]))
 
 
 def _eared_jar(rng: Generator) -> Shape:

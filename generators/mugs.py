@@ -78,7 +78,7 @@ def make_mug(rng: Generator) -> Shape:
     wall = body.outer
     curve, thick = _centre_line(rng, outline, wall, body.inner, height, radius)
     grip = loop_handle(curve, thick, wide=float(rng.uniform(1.0, 2.2)), power=float(rng.choice([2.0, 2.0, 4.0])))
-    mesh = carved([body.filled, grip], [body.hollow])
+    mesh = carved([body.filled, grip], [body.hollow()])
     (x, z), gap = largest_inscribed_circle(_opening(left_of(curve, -thick), wall))
     handle = HandleGap((float(x), 0.0, float(z)), (0.0, 1.0, 0.0), gap)
     width = float(mesh.vertices[:, 0].max() - mesh.vertices[:, 0].min())

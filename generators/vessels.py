@@ -79,11 +79,9 @@ class Body:
         axis = [[0.0, self.outer[0, 1]]], [[0.0, self.outer[-1, 1]]]
         return revolve(np.concatenate([axis[0], self.outer, axis[1]]), self.section)
 
-    @property
-    def hollow(self) -> Mesh:
-        """The inside, going on upward well beyond the rim, so that nothing that is joined closes the mouth."""
-        rim = self.inner[-1] + [[0.0, 0.0], [0.0, self.lengths["height"]]]
-        rings = np.concatenate([self.inner[:-1], rim])
+    def hollow(self, lift: float = 0.05) -> Mesh:
+        """Return the inside, going on upward beyond the rim, so that nothing that is joined closes the mouth."""
+        rings = np.concatenate([self.inner, self.inner[-1:] + [[0.0, lift]]])
         return revolve(np.concatenate([[[0.0, rings[0, 1]]], rings, [[0.0, rings[-1, 1]]]]), self.section)
 
     @property
