@@ -250,7 +250,7 @@ def _beak(rng: Generator, rings: Points, height: float) -> Mesh:
     low, top = height - deep, height - 0.0005
     start, tip = 0.3 * at, at + reach
     half = 0.55 * at
-    vertices = np.array([[start, -half, top], [tip, 0.0, top], [start, half, top], [start, 0.0, low]])
+    vertices = np.array([[start, -half, top], [tip, 0.0, top], [start, half, top], [_at(rings, low) - 0.006, 0.0, low]])
     return Mesh(vertices, np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]]))
 
 
