@@ -124,7 +124,7 @@ def _office_bin(rng: Generator) -> Shape:
     height, base = rim * rng.uniform(1.7, 2.3), rim * rng.uniform(0.72, 0.88)
     section = squarish(rng.uniform(6, 10), rng.uniform(0.6, 1.0))
     body = vessel(np.array([base, rim]), np.array([0.0, height]), 0.003, section)
-    edge = [[rim - 0.004, height - 0.012], [rim + 0.007, height - 0.009], [rim + 0.007, height]]
+    edge = [[rim - 0.012 * (rim - base) / height, height - 0.012], [rim + 0.007, height - 0.009], [rim + 0.007, height]]
     return Body(np.array([[base, 0.0], *edge]), body.inner, section).shape("trash_can", "office")
 
 
@@ -192,7 +192,7 @@ def _wheelie_bin(rng: Generator) -> Shape:
     section = squarish(9.0, wide / deep)
     rings = [[taper * deep, 0.0], [0.97 * deep, height - 0.06], [1.04 * deep, height - 0.058], [1.04 * deep, height]]
     body = solid_of(np.array(rings), section)
-    slab = np.array([[1.08 * deep, 0.0], [1.08 * deep, 0.03], [0.95 * deep, 0.05], [0.5 * deep, 0.062]])
+    slab = np.array([[1.08 * deep, -0.035], [1.08 * deep, 0.03], [0.95 * deep, 0.05], [0.5 * deep, 0.062]])
     lid = placed(solid_of(slab, section), (0.01, 0.0, height + 0.012), 1, rng.uniform(0.03, 0.06))
     radius = rng.uniform(0.09, 0.11)
     axle = (-taper * deep + 0.3 * radius, 0.0, radius + 0.003)
