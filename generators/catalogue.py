@@ -8,30 +8,45 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import vessels
+from eigenbench.generators import baskets, bins, cartons, cookware, dispensers, jars, mugs, tableware
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
     "object": {
-        "train": {"bottle": 16, "bowl": 128, "can": 65, "mug": 134},
-        "test": {"bucket": 33, "jar": 528},
+        "train": {
+            "basket": 77,
+            "bottle": 16,
+            "bowl": 128,
+            "box": 17,
+            "can": 65,
+            "mug": 134,
+            "pot": 16,
+            "trash_can": 25,
+        },
+        "test": {"bucket": 33, "dispenser": 9, "jar": 528, "kettle": 26},
     },
     "environment": {"train": {}, "test": {}},
-    "mug": {"train": {}, "test": {}},
+    "mug": {"train": {"mug": 160}, "test": {"mug": 40}},
 }
 """Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
 
 MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
     "object": {
-        "bottle": vessels.make_bottle,
-        "bowl": vessels.make_bowl,
-        "bucket": vessels.make_bucket,
-        "can": vessels.make_can,
-        "jar": vessels.make_jar,
-        "mug": vessels.make_mug,
+        "basket": baskets.make_basket,
+        "bottle": tableware.make_bottle,
+        "bowl": tableware.make_bowl,
+        "box": cartons.make_box,
+        "bucket": bins.make_bucket,
+        "can": tableware.make_can,
+        "dispenser": dispensers.make_dispenser,
+        "jar": jars.make_jar,
+        "kettle": cookware.make_kettle,
+        "mug": mugs.make_mug,
+        "pot": cookware.make_pot,
+        "trash_can": bins.make_trash_can,
     },
     "environment": {},
-    "mug": {},
+    "mug": {"mug": mugs.make_mug},
 }
 """The maker of each category, by role."""
 

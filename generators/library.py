@@ -94,7 +94,24 @@ def parse_source(source: str) -> tuple[str, Path]:
 def _default_key() -> str:
     """Return what the built-in shapes depend on: the sources that make them and their libraries."""
     digest = hashlib.sha256()
-    for name in ("catalogue.py", "library.py", "measures.py", "shapes.py", "solids.py", "surface.py", "vessels.py"):
+    for name in (
+        "baskets.py",
+        "bins.py",
+        "cartons.py",
+        "catalogue.py",
+        "cookware.py",
+        "curves.py",
+        "dispensers.py",
+        "jars.py",
+        "library.py",
+        "measures.py",
+        "mugs.py",
+        "shapes.py",
+        "solids.py",
+        "surface.py",
+        "tableware.py",
+        "vessels.py",
+    ):
         digest.update((Path(__file__).parent / name).read_bytes())
     for package in ("numpy", "scipy", "manifold3d"):
         digest.update(version(package).encode())
