@@ -94,7 +94,9 @@ def _loops(rng: Generator, woven: Weave) -> list[Mesh]:
     wide, rise = radius * rng.uniform(0.28, 0.4), rng.uniform(0.05, 0.09)
     at = radius * _section_x(woven.section, wide / radius) - 0.004
     low = height - 0.8 * woven.band
-    curve = np.concatenate([[[wide, low]], arc(wide, 0.0, math.pi, 17, rise / wide) + [0.0, height - 0.004], [[-wide, low]]])
+    curve = np.concatenate(
+        [[[wide, low]], arc(wide, 0.0, math.pi, 17, rise / wide) + [0.0, height - 0.004], [[-wide, low]]]
+    )
     loop = placed(loop_handle(curve, rng.uniform(0.004, 0.006)), (at, 0.0, 0.0), 2, math.pi / 2)
     return [loop, opposite(loop)]
 
@@ -114,7 +116,9 @@ def _bail(rng: Generator, woven: Weave, lift: float) -> Mesh:
     low = height - 0.7 * woven.band
     foot = np.interp(low, woven.outer[1:, 1], woven.outer[1:, 0]) * float(top) - 0.004
     curve = np.concatenate([[[foot, low]], arc(span, 0.0, math.pi, 25, lift / span) + [0.0, height], [[-foot, low]]])
-    return placed(loop_handle(curve, rng.uniform(0.0035, 0.005), wide=rng.uniform(1.5, 3.5), power=4.0), axis=2, angle=math.pi / 2)
+    return placed(
+        loop_handle(curve, rng.uniform(0.0035, 0.005), wide=rng.uniform(1.5, 3.5), power=4.0), axis=2, angle=math.pi / 2
+    )
 
 
 def _laundry(rng: Generator) -> Shape:

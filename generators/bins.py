@@ -66,11 +66,13 @@ def _bailed(rng: Generator, body: Body, name: str, lean: float, rise: float) -> 
     bail = loop_handle(arc(span, 0.0, math.pi, 33, rise), wire, sections=8)
     parts = [placed(bail, (0.0, 0.0, pivot), 0, lean)]
     if rng.uniform() < 0.4 and abs(lean) < 1:
-        grip = placed(solid_of(np.array([[0.009, -0.045], [0.009, 0.045]]), ellipse_section(12)), axis=1, angle=math.pi / 2)
+        grip = placed(
+            solid_of(np.array([[0.009, -0.045], [0.009, 0.045]]), ellipse_section(12)), axis=1, angle=math.pi / 2
+        )
         parts.append(placed(placed(grip, (0.0, 0.0, rise * span)), (0.0, 0.0, pivot), 0, lean))
     inside = float(np.interp(pivot - 0.02, body.inner[:, 1], body.inner[:, 0]))
     ear = block((inside - 0.01, -3.2 * wire, pivot - 0.016), (span + 2 * wire, 3.2 * wire, pivot + 2.2 * wire))
-    mesh = carved([body.filled, ear, opposite(ear), *parts], [body.hollow(0.001)])
+    mesh = body.with_parts(ear, opposite(ear), *parts, lift=0.001)
     kept = ("opening_width", "inner_depth")
     return Shape("bucket", name, mesh, Measures(), {k: body.lengths[k] for k in kept})
 
@@ -92,7 +94,7 @@ def _ice_bucket(rng: Generator) -> Shape:
     body = _pail(rng, ROUND)
     wall = np.column_stack([np.interp(body.outer[:, 1], body.inner[:, 1], body.inner[:, 0]) + 0.0025, body.outer[:, 1]])
     ear = ear_handle(rng, wall, body.inner, rng.uniform(0.5, 0.62), 0.85)
-    return Shape("bucket", "ears", carved([body.filled, ear, opposite(ear)], [body.hollow()]))
+    return Shape("bucket", "ears", body.with_parts(ear, opposite(ear)))
 
 
 _BUCKETS = {
@@ -142,7 +144,13 @@ def _pedal_bin(rng: Generator) -> Shape:
     radius = rng.uniform(0.09, 0.16)
     height = radius * rng.uniform(2.2, 4.0)
     section = ROUND if rng.uniform() < 0.75 else squarish(rng.uniform(4, 7))
-    foot = [[1.04 * radius, 0.0], [1.04 * radius, 0.03], [radius, 0.032], [radius, height], [1.03 * radius, height + 0.002]]
+    foot = [
+        [1.04 * radius, 0.0],
+        [1.04 * radius, 0.03],
+        [radius, 0.032],
+        [radius, height],
+        [1.03 * radius, height + 0.002],
+    ]
     lid = dome(1.03 * radius, height + 0.02, radius * rng.uniform(0.2, 0.5), 0.15 * radius, 8)
     drum = solid_of(np.concatenate([foot, lid]), section)
     wide, reach = rng.uniform(0.03, 0.045), rng.uniform(0.03, 0.05)
@@ -198,7 +206,7 @@ def _wheelie_bin(rng: Generator) -> Shape:
     axle = (-taper * deep + 0.3 * radius, 0.0, radius + 0.003)
     wheel = lying(solid_of(np.array([[radius, -0.022], [radius, 0.022]]), ellipse_section(28)), 0.0)
     rod = lying(solid_of(np.array([[0.012, -wide - 0.01], [0.012, wide + 0.01]]), ellipse_section(12)), 0.0)
-    wheels = [placed(wheel, (axle[0], side * wide * 0.92, axle[2])) for side in (-1.0, 1.0)]
+    wheels = [placed(wheel, (axle[0], side * wide * 0.98, axle[2])) for side in (-1.0, 1.0)]
     back = -1.08 * deep - 0.05
     bar = placed(lying(solid_of(np.array([[0.014, -0.7 * wide], [0.014, 0.7 * wide]]), ellipse_section(14)), 0.0),
                  (back, 0.0, height - 0.02))  # fmt: skip
@@ -216,5 +224,3 @@ _TRASH_CANS = {
     "push": (0.08, _push_bin),
     "wheelie": (0.14, _wheelie_bin),
 }
-
-

@@ -42,12 +42,17 @@ def _carton(rng: Generator) -> Shape:
     a, b, h = half.tolist()
     tape, drop, thin = rng.uniform(0.022, 0.03), 0.25 * h, 0.0015
     strip = block((-a - thin, -tape, h - drop), (a + thin, tape, h + thin))
-    seam = [block((-a + 0.002, side * b - 0.004, h - 0.0025), (a - 0.002, side * b + 0.004, h + 0.01)) for side in (-0.5, 0.5)]
+    seam = [
+        block((-a + 0.002, side * b - 0.004, h - 0.0025), (a - 0.002, side * b + 0.004, h + 0.01))
+        for side in (-0.5, 0.5)
+    ]
     body = block((-a, -b, 0.0), (a, b, h))
     holes = seam
     if rng.uniform() < 0.6:
         high = 0.72 * h
-        holes = seam + [block((side * a - 0.012, -0.045, high - 0.014), (side * a + 0.012, 0.045, high + 0.014)) for side in (-1, 1)]
+        holes = seam + [
+            block((side * a - 0.012, -0.045, high - 0.014), (side * a + 0.012, 0.045, high + 0.014)) for side in (-1, 1)
+        ]
     return Shape("box", "carton", united(carved([body], holes), strip))
 
 
@@ -55,7 +60,9 @@ def _flap(length: float, width: float, thick: float, angle: float) -> Mesh:
     """Return a flap hinged at the origin along y: level toward +x at angle 0, upright at pi / 2."""
     taper = 0.94 * width
     low, high = -0.5 * thick, 0.5 * thick
-    corners = np.array([[x, y, z] for x, wide in ((-0.5 * thick, width), (length, taper)) for y in (-wide, wide) for z in (low, high)])
+    corners = np.array(
+        [[x, y, z] for x, wide in ((-0.5 * thick, width), (length, taper)) for y in (-wide, wide) for z in (low, high)]
+    )
     return placed(Mesh(corners, block((0, 0, 0), (1, 1, 1)).faces), axis=1, angle=-angle)
 
 
@@ -102,20 +109,21 @@ def _cereal_box(rng: Generator) -> Shape:
 
 
 def _pizza_box(rng: Generator) -> Shape:
-    """Make a flat pizza box, its lid hinged behind and ajar."""
-    side, height = rng.uniform(0.26, 0.42) / 2, rng.uniform(0.038, 0.05)
-    half = np.array([side, side, height])
-    wall = 0.003
-    outside, inside = _tray(half, wall)
-    cover, hollow = _tray(np.array([side, side, 0.6 * height]), wall)
-    angle = rng.uniform(0.5, 1.9)
-    lids = []
-    for part in (cover, hollow):
-        turned = placed(placed(part, axis=0, angle=math.pi), (side, 0.0, 0.6 * height))
-        lids.append(placed(placed(turned, axis=1, angle=-angle), (-side, 0.0, height - 0.001)))
-    hinge = block((-side, -0.98 * side, height - 0.008), (-side + wall, 0.98 * side, height + 0.001))
-    lid = carved(lids[:1], lids[1:])
-    return Shape("box", "pizza", united(carved([outside], [inside]), lid, hinge))
+    """Make a flat pizza box, its lid hinged behind and open."""
+    side, height, wall = rng.uniform(0.26, 0.42) / 2, rng.uniform(0.038, 0.05), 0.003
+    outside, inside = _tray(np.array([side, side, height]), wall)
+    deep, angle = 0.6 * height, rng.uniform(0.5, 1.8)
+    # The lid as a tray upside down, its rear edge at the origin, then raised about that edge.
+    shut = [
+        block((0.0, -side, -deep), (2 * side, side, 0.0)),
+        block((wall, wall - side, -2 * deep), (2 * side - wall, side - wall, -wall)),
+    ]
+    lid, hollow = (placed(part, (-side, 0.0, height + deep * math.cos(angle)), 1, -angle) for part in shut)
+    hinge = block(
+        (-side - 0.5 * wall, -0.98 * side, height - 0.5 * deep),
+        (-side + wall, 0.98 * side, height + deep * math.cos(angle)),
+    )
+    return Shape("box", "pizza", united(carved([outside], [inside]), carved([lid], [hollow]), hinge))
 
 
 def _crate(rng: Generator) -> Shape:
@@ -133,8 +141,14 @@ def _crate(rng: Generator) -> Shape:
             parts.append(block((near[0], far[0], 0.0), (near[1], far[1], h)))
     for k in range(slats):
         low, high = k * pitch, min(h, k * pitch + tall)
-        parts += [block((-a, s * b - (thick if s > 0 else 0), low), (a, s * b + (thick if s < 0 else 0), high)) for s in (-1, 1)]
-        parts += [block((s * a - (thick if s > 0 else 0), -b, low), (s * a + (thick if s < 0 else 0), b, high)) for s in (-1, 1)]
+        parts += [
+            block((-a, s * b - (thick if s > 0 else 0), low), (a, s * b + (thick if s < 0 else 0), high))
+            for s in (-1, 1)
+        ]
+        parts += [
+            block((s * a - (thick if s > 0 else 0), -b, low), (s * a + (thick if s < 0 else 0), b, high))
+            for s in (-1, 1)
+        ]
     return Shape("box", f"crate_{slats}", united(*parts))
 
 
@@ -160,7 +174,9 @@ def _chest(rng: Generator) -> Shape:
         band = _prism(outline * 1.02, 0.014)
         parts += [placed(band, (0.0, y, h)), block((-a - 0.004, y - 0.014, 0.0), (a + 0.004, y + 0.014, h))]
     parts.append(block((a - 0.01, -0.02, h - 0.03), (a + 0.014, 0.02, h + 0.014)))
-    grip = loop_handle(spline([(b - 0.01, 0.62 * h), (b + 0.03, 0.6 * h), (b + 0.03, 0.42 * h), (b - 0.01, 0.4 * h)], 13), 0.005)
+    grip = loop_handle(
+        spline([(b - 0.01, 0.62 * h), (b + 0.03, 0.6 * h), (b + 0.03, 0.42 * h), (b - 0.01, 0.4 * h)], 13), 0.005
+    )
     parts += [placed(grip, axis=2, angle=turn) for turn in (math.pi / 2, -math.pi / 2)]
     return _closed("chest", half, *parts)
 
@@ -181,7 +197,10 @@ def _gift(rng: Generator) -> Shape:
     over, skirt, wide, thin = 0.004, min(0.04, 0.35 * h), 0.012, 0.0015
     lid = block((-a - over, -b - over, h - skirt), (a + over, b + over, h))
     out = over + thin
-    ribbons = [block((-a - out, -wide, 0.0), (a + out, wide, h + thin)), block((-wide, -b - out, 0.0), (wide, b + out, h + thin))]
+    ribbons = [
+        block((-a - out, -wide, 0.0), (a + out, wide, h + thin)),
+        block((-wide, -b - out, 0.0), (wide, b + out, h + thin)),
+    ]
     size = rng.uniform(0.25, 0.4) * min(a, b) + 0.01
     bow = [(0.0, 0.0), (0.9 * size, 1.2 * size), (1.9 * size, 0.9 * size), (1.7 * size, 0.1 * size), (0.0, 0.0)]
     loop = loop_handle(spline(bow, 19) + np.array([0.0, h + 0.004]), 0.0016, wide=wide / 0.0016, power=6.0, sections=8)

@@ -60,12 +60,14 @@ def _under_lid(rng: Generator, body: Body) -> Mesh:
     return solid_of(np.concatenate([body.outer[:-1], _lid(rng, *body.outer[-1])]), body.section)
 
 
-def _with_parts(name: str, rng: Generator, body: Body, parts: list[Mesh], lid_share: float, lift: float = 0.02) -> Shape:
+def _with_parts(
+    name: str, rng: Generator, body: Body, parts: list[Mesh], lid_share: float, lift: float = 0.02
+) -> Shape:
     """Return a pan with its handles, open or under a lid."""
     if rng.uniform() < lid_share:
         return Shape("pot", f"{name}_lid", united(_under_lid(rng, body), *parts))
     lengths = {k: body.lengths[k] for k in ("height", "opening_width", "inner_depth")}
-    mesh = carved([body.filled, *parts], [body.hollow(lift)])
+    mesh = body.with_parts(*parts, lift=lift)
     lengths["height"] = float(mesh.vertices[:, 2].max())
     return Shape("pot", name, mesh, Measures(), lengths)
 
@@ -128,7 +130,7 @@ def _stock_pot(rng: Generator) -> Shape:
 def _casserole(rng: Generator) -> Shape:
     """Make a low casserole or Dutch oven with lugs; round or oval."""
     radius = rng.uniform(0.1, 0.15)
-    section = [ROUND, ROUND, ellipse_section(36, rng.uniform(0.7, 0.85))][int(rng.integers(3))]
+    section = [ROUND, ROUND, ellipse_section(32, rng.uniform(0.7, 0.85))][int(rng.integers(3))]
     body = _pan(rng, radius, radius * rng.uniform(0.55, 0.95), rng.uniform(1.0, 1.08), section=section)
     return _with_parts("casserole", rng, body, _lugs(rng, radius, body.outer[-1, 1]), 0.6)
 

@@ -37,7 +37,9 @@ def _bottle(rng: Generator, radius: float, height: float, neck: float, section: 
 def _pump(rng: Generator) -> Shape:
     """Make a soap or lotion bottle with a pump: collar, stem, head and a drooping nozzle."""
     radius, height = rng.uniform(0.028, 0.042), rng.uniform(0.1, 0.17)
-    section = [ROUND, squarish(rng.uniform(4, 8), rng.uniform(0.65, 1.0)), ellipse_section(36, 0.62)][int(rng.integers(3))]
+    section = [ROUND, squarish(rng.uniform(4, 8), rng.uniform(0.65, 1.0)), ellipse_section(32, 0.62)][
+        int(rng.integers(3))
+    ]
     rings, section = _bottle(rng, radius, height, 0.016, section)
     collar = [[0.018, height], [0.018, height + 0.016], [0.011, height + 0.018], [0.011, height + 0.024]]
     stem, top = rng.uniform(0.014, 0.028), height + 0.024
@@ -55,7 +57,7 @@ def _pump(rng: Generator) -> Shape:
 def _foam_pump(rng: Generator) -> Shape:
     """Make a foam or hand-wash dispenser: squat oval bottle, broad pump head with a wide beak."""
     radius, height = rng.uniform(0.035, 0.045), rng.uniform(0.095, 0.13)
-    rings, section = _bottle(rng, radius, height, 0.022, ellipse_section(36, rng.uniform(0.6, 0.8)))
+    rings, section = _bottle(rng, radius, height, 0.022, ellipse_section(32, rng.uniform(0.6, 0.8)))
     stem = rng.uniform(0.012, 0.02)
     collar = [[0.023, height - 0.002], [0.023, height + 0.02], [0.013, height + 0.021], [0.013, height + 0.021 + stem]]
     top = height + 0.021 + stem
@@ -68,8 +70,10 @@ def _foam_pump(rng: Generator) -> Shape:
 def _trigger(rng: Generator) -> Shape:
     """Make a trigger spray: bottle, collar, pistol head with nozzle and a curved trigger."""
     radius, height = rng.uniform(0.036, 0.046), rng.uniform(0.16, 0.2)
-    rings, section = _bottle(rng, radius, height, 0.014, ellipse_section(36, rng.uniform(0.6, 0.9)))
-    collar = np.array([[0.017, height - 0.002], [0.017, height + 0.018], [0.011, height + 0.02], [0.011, height + 0.045]])
+    rings, section = _bottle(rng, radius, height, 0.014, ellipse_section(32, rng.uniform(0.6, 0.9)))
+    collar = np.array(
+        [[0.017, height - 0.002], [0.017, height + 0.018], [0.011, height + 0.02], [0.011, height + 0.045]]
+    )
     deck = height + 0.036
     back, front = -rng.uniform(0.03, 0.04), rng.uniform(0.042, 0.055)
     shroud = spline([(back, deck - 0.004), (back * 0.5, deck + 0.014), (0.01, deck + 0.014), (front, deck + 0.008)], 12)
@@ -82,7 +86,15 @@ def _trigger(rng: Generator) -> Shape:
 
 def _tap(low: float, at: float, size: float) -> list[Mesh]:
     """Return a tap toward +x: barrel, spout that turns down, lever on top."""
-    pipe = spline([(at - 0.02, low), (at + 1.6 * size, low), (at + 2.2 * size, low - 0.4 * size), (at + 2.2 * size, low - 1.8 * size)], 10)
+    pipe = spline(
+        [
+            (at - 0.02, low),
+            (at + 1.6 * size, low),
+            (at + 2.2 * size, low - 0.4 * size),
+            (at + 2.2 * size, low - 1.8 * size),
+        ],
+        10,
+    )
     barrel = _bar((at - 0.02, low), (at + 1.1 * size, low), 0.62 * size)
     stem = placed(solid_of(np.array([[0.22 * size, 0.0], [0.22 * size, 1.4 * size]]), ellipse_section(10)),
                   (at + 0.9 * size, 0.0, low))  # fmt: skip

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.curves import blend, spline
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import block, carved, ellipse_section, united
+from eigenbench.generators.solids import block, ellipse_section, united
 from eigenbench.generators.vessels import (
     ROUND,
     dome,
@@ -98,10 +98,10 @@ def _urn_rings(rng: Generator) -> Points:
     height, radius = rng.uniform(0.14, 0.3), rng.uniform(0.05, 0.085)
     foot, neck = radius * rng.uniform(0.45, 0.65), radius * rng.uniform(0.4, 0.6)
     widest = rng.uniform(0.5, 0.66)
-    lower = np.column_stack([foot * 0.85 + (radius - foot * 0.85) * np.sin(np.linspace(0, math.pi / 2, 9)),
-                             height * (0.04 + (widest - 0.04) * np.linspace(0, 1, 9))])  # fmt: skip
-    upper_z = height * np.linspace(widest, 0.9, 8)[1:]
-    upper = np.column_stack([blend(radius, neck, 8)[1:], upper_z])
+    lower = np.column_stack([foot * 0.85 + (radius - foot * 0.85) * np.sin(np.linspace(0, math.pi / 2, 7)),
+                             height * (0.04 + (widest - 0.04) * np.linspace(0, 1, 7))])  # fmt: skip
+    upper_z = height * np.linspace(widest, 0.9, 6)[1:]
+    upper = np.column_stack([blend(radius, neck, 6)[1:], upper_z])
     lip = [[neck * 1.08, 0.95 * height], [neck * rng.uniform(1.2, 1.45), height]]
     return np.concatenate([[[foot, 0.0], [foot, 0.02 * height]], lower, upper, lip])
 
@@ -129,9 +129,9 @@ def _amphora_jar(rng: Generator) -> Shape:
     at = [float(np.interp(z, rings[:, 1], rings[:, 0])) for z in (high, low)]
     out = radius * rng.uniform(0.95, 1.2)
     curve = spline([(at[0] - 0.009, high), (at[0] + 0.01, high + 0.002), (out - 0.005, high), (out, (low + high) / 2),
-                    (at[1] + 0.006, low), (at[1] - 0.008, low - 0.004)], 19)  # fmt: skip
+                    (at[1] + 0.006, low), (at[1] - 0.008, low - 0.004)], 15)  # fmt: skip
     ear = loop_handle(curve, min(0.006, 0.03 * height), wide=rng.uniform(1.0, 1.6), sections=8)
-    return Shape("jar", "amphora", carved([body.filled, ear, opposite(ear)], [body.hollow()]))
+    return Shape("jar", "amphora", body.with_parts(ear, opposite(ear)))
 
 
 def _eared_jar(rng: Generator) -> Shape:
@@ -159,7 +159,13 @@ def _clip_jar(rng: Generator) -> Shape:
     over = dome(lid, height + 0.004, rng.uniform(0.008, 0.014), 0.55 * lid, 5)
     body = solid_of(np.concatenate([side, turned, seal, over]), squarish(rng.uniform(2.0, 4.0)))
     wire, out, top = 0.0016, radius + 0.007, height + 0.003
-    clip = [(mouth - 0.006, neck + 0.002), (out, neck + 0.001), (out + 0.002, top), (lid + 0.002, top), (lid - 0.008, top)]
+    clip = [
+        (mouth - 0.006, neck + 0.002),
+        (out, neck + 0.001),
+        (out + 0.002, top),
+        (lid + 0.002, top),
+        (lid - 0.008, top),
+    ]
     loop = loop_handle(spline(clip, 14), wire, sections=8, wide=rng.uniform(5.0, 9.0), power=5.0)
     lever = block((out - 0.004, -0.006, 0.55 * height), (out - 0.0012, 0.006, height - 0.004))
     return Shape("jar", "clip", united(body, loop, lever, opposite(loop)))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from eigenbench.generators.curves import arc, filleted, left_of, spline, thickest
 from eigenbench.generators.measures import largest_inscribed_circle
 from eigenbench.generators.shapes import HandleGap, Measures, Shape
-from eigenbench.generators.solids import carved
 from eigenbench.generators.vessels import ROUND, Body, loop_handle, squarish, vessel
 
 Points = NDArray[np.float64]
@@ -78,7 +77,7 @@ def make_mug(rng: Generator) -> Shape:
     wall = body.outer
     curve, thick = _centre_line(rng, outline, wall, body.inner, height, radius)
     grip = loop_handle(curve, thick, wide=float(rng.uniform(1.0, 2.2)), power=float(rng.choice([2.0, 2.0, 4.0])))
-    mesh = carved([body.filled, grip], [body.hollow()])
+    mesh = body.with_parts(grip)
     (x, z), gap = largest_inscribed_circle(_opening(left_of(curve, -thick), wall))
     handle = HandleGap((float(x), 0.0, float(z)), (0.0, 1.0, 0.0), gap)
     width = float(mesh.vertices[:, 0].max() - mesh.vertices[:, 0].min())
@@ -128,7 +127,7 @@ def _centre_line(
     thick = float(rng.uniform(0.0032, 0.0055)) * min(1.0, height / 0.08)
     if outline == "ring":
         size = min(half, float(rng.uniform(0.013, 0.018)))
-        points = arc(size, 2.2, -2.2, 23) + [size * 0.62, 0.0]
+        points = arc(size, 2.2, -2.2, 19) + [size * 0.62, 0.0]
         at = low + half + points[:, 1]
         x = float(np.interp(low + half, wall[:, 1], wall[:, 0])) + points[:, 0]
         curve = np.column_stack([x, at])
@@ -136,7 +135,7 @@ def _centre_line(
         reach = float(rng.uniform(0.55, 0.85)) * min(1.6 * half, 0.9 * radius) + thick
         how, fillet, controls = _OUTLINES[outline]
         scaled = np.array(controls, dtype=np.float64) * [reach, half]
-        curve = filleted(scaled, fillet * half, 7) if how == "fillet" else spline(scaled, 25)
+        curve = filleted(scaled, fillet * half, 6) if how == "fillet" else spline(scaled, 21)
         at = np.maximum(low + half + curve[:, 1], thick + 0.03 * height)
         curve = np.column_stack([np.interp(at, wall[:, 1], wall[:, 0]) + curve[:, 0], at])
     deep = [float(np.interp(z, inside[:, 1], inside[:, 0])) - 0.003 for z in curve[[0, -1], 1]]
@@ -163,5 +162,3 @@ def _crossing(inside: Points, outside: Points, wall: Points) -> Points:
         x, z = inside + middle * (outside - inside)
         low, high = (low, middle) if x > np.interp(z, wall[:, 1], wall[:, 0]) else (middle, high)
     return np.asarray(inside + high * (outside - inside))
-
-

@@ -148,6 +148,15 @@ def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = ()) -> Mesh:
     return _from_manifold(total)
 
 
+def joined(shell: Mesh, parts: Sequence[Mesh], core: Mesh) -> Mesh:
+    """Return the union of a shell with parts from which its core was cut.
+
+    The same as the filled shell with parts less its hollow, but the large meshes meet once, not twice.
+    """
+    added = Manifold.batch_boolean([_to_manifold(part) for part in parts], OpType.Add) - _to_manifold(core)
+    return _from_manifold(_to_manifold(shell) + added)
+
+
 def _to_manifold(mesh: Mesh) -> Manifold:
     solid = Manifold(Mesh64(mesh.vertices, mesh.faces.astype(np.uint64)))
     if solid.status().name != "NoError" or solid.is_empty():

@@ -182,7 +182,7 @@ def _lugged_bowl(rng: Generator) -> Shape:
     low = top - thick
     lug = placed(solid_of(np.array([[rim * 0.6, low], [rim * 0.6, top]]), ellipse_section(24, wide / 0.6)))
     lug = placed(lug, (rim + reach - 0.6 * rim, 0.0, 0.0))
-    mesh = carved([body.filled, lug, opposite(lug)], [body.hollow()])
+    mesh = body.with_parts(lug, opposite(lug))
     lengths = {"width": 2 * (rim + reach), "height": float(top), "inner_depth": body.lengths["inner_depth"]}
     return Shape("bowl", "lugs", mesh, Measures(), lengths)
 
@@ -192,7 +192,7 @@ def _looped_bowl(rng: Generator) -> Shape:
     body = _bowl_body(rng, steep=True)
     body = _footed(rng, body) if rng.uniform() < 0.5 else body
     ear = ear_handle(rng, body.outer, body.inner, rng.uniform(0.35, 0.45), rng.uniform(0.86, 0.93))
-    return Shape("bowl", "loops", carved([body.filled, ear, opposite(ear)], [body.hollow()]))
+    return Shape("bowl", "loops", body.with_parts(ear, opposite(ear)))
 
 
 def _lipped_bowl(rng: Generator) -> Shape:
@@ -313,7 +313,9 @@ def _paint_can(rng: Generator) -> Shape:
     span = radius + 0.004
     bail = loop_handle(arc(span, 0.0, math.pi, 29, 1.04), wire, sections=8)
     tilt = math.pi / 2 + rng.uniform(0.1, 0.45)
-    stud = placed(solid_of(np.array([[0.006, -0.009], [0.006, 0.0028]]), ellipse_section(12)), axis=1, angle=math.pi / 2)
+    stud = placed(
+        solid_of(np.array([[0.006, -0.009], [0.006, 0.0028]]), ellipse_section(12)), axis=1, angle=math.pi / 2
+    )
     ear = placed(stud, (span, 0.0, pivot))
     mesh = united(body, ear, opposite(ear), placed(bail, (0.0, 0.0, pivot), 0, tilt))
     return Shape("can", "paint", mesh)

@@ -16,19 +16,19 @@ from eigenbench.generators.shapes import Measures, Shape
 from eigenbench.generators.solids import (
     Mesh,
     ellipse_section,
+    joined,
     placed,
     revolve,
     revolved_volume,
-    rounded_section,
     sweep,
 )
 
 Points = NDArray[np.float64]
 Maker = Callable[[Generator], Shape]
 
-SECTIONS = 36
+SECTIONS = 32
 ROUND = ellipse_section(SECTIONS)
-GRIP_SECTIONS = 12
+GRIP_SECTIONS = 10
 
 
 def draw(rng: Generator, topologies: dict[str, tuple[float, Maker]]) -> Shape:
@@ -49,9 +49,7 @@ def squarish(power: float, flat: float = 1.0, sections: int = SECTIONS) -> Point
     """
     turn = np.arange(sections) * (2 * math.pi / sections)
     c, s = (np.where(np.abs(value) < 1e-12, 0.0, value) for value in (np.cos(turn), np.sin(turn)))
-    return np.stack(
-        [np.sign(c) * np.abs(c) ** (2 / power), flat * np.sign(s) * np.abs(s) ** (2 / power)], axis=1
-    )
+    return np.stack([np.sign(c) * np.abs(c) ** (2 / power), flat * np.sign(s) * np.abs(s) ** (2 / power)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +71,20 @@ class Body:
         """The vessel alone."""
         return revolve(self.profile, self.section)
 
-    @property
-    def filled(self) -> Mesh:
-        """The vessel with no hollow, for parts to be joined before `hollow` is cut out."""
-        axis = [[0.0, self.outer[0, 1]]], [[0.0, self.outer[-1, 1]]]
-        return revolve(np.concatenate([axis[0], self.outer, axis[1]]), self.section)
+    def with_parts(self, *parts: Mesh, lift: float = 0.05) -> Mesh:
+        """Return the vessel with parts that start anywhere in or behind its wall and leave it outward.
 
-    def hollow(self, lift: float = 0.05) -> Mesh:
-        """Return the inside, going on upward beyond the rim, so that nothing that is joined closes the mouth."""
-        rings = np.concatenate([self.inner, self.inner[-1:] + [[0.0, lift]]])
-        return revolve(np.concatenate([[[0.0, rings[0, 1]]], rings, [[0.0, rings[-1, 1]]]]), self.section)
+        What of them reaches further in than the middle of the wall is cut away, up to `lift` above the rim.
+        """
+        low = min(part.vertices[:, 2].min() for part in parts) - 1e-3
+        high = max(part.vertices[:, 2].max() for part in parts) + 1e-3
+        low = max(low, (self.inner[0, 1] + self.outer[0, 1]) / 2)
+        high = min(high, self.inner[-1, 1] + lift)
+        between = self.inner[(self.inner[:, 1] > low) & (self.inner[:, 1] < high), 1]
+        z = np.concatenate([[low], between, [high]])
+        rising = np.maximum.accumulate(self.outer[:, 1])
+        middle = (np.interp(z, self.inner[:, 1], self.inner[:, 0]) + np.interp(z, rising, self.outer[:, 0])) / 2
+        return joined(self.solid, parts, solid_of(np.column_stack([middle, z]), self.section))
 
     @property
     def lengths(self) -> dict[str, float]:
@@ -143,9 +145,17 @@ def knob_rings(rng: Generator, stem: float, ball: float, low: float) -> Points:
         turned = arc(ball, -1.1, 1.45, 8)
         return np.concatenate([[[stem, low]], turned + [0.0, low + ball * 1.1]])
     if kind == "cone":
-        return np.array([[stem, low], [stem, low + 0.4 * ball], [ball, low + 1.6 * ball], [0.8 * ball, low + 1.8 * ball]])
+        return np.array(
+            [[stem, low], [stem, low + 0.4 * ball], [ball, low + 1.6 * ball], [0.8 * ball, low + 1.8 * ball]]
+        )
     return np.array(
-        [[stem, low], [stem, low + 0.5 * ball], [ball, low + 0.6 * ball], [ball, low + ball], [0.8 * ball, low + 1.1 * ball]]
+        [
+            [stem, low],
+            [stem, low + 0.5 * ball],
+            [ball, low + 0.6 * ball],
+            [ball, low + ball],
+            [0.8 * ball, low + 1.1 * ball],
+        ]
     )
 
 
@@ -205,5 +215,3 @@ def spout(curve: Points, start: float, end: float, *, flat: float = 1.0, bore: f
     deep = min(2.5 * end, 0.4 * float(np.hypot(*(curve[-1] - curve[0]))))
     line = curve[-1] + np.array([-deep, 0.0, deep])[:, None] * last
     return outside, sweep(upright(line), ellipse_section(16, flat) * bore, taper[-1])
-
-
