@@ -81,7 +81,9 @@ def survey(
     """Measure all selected shapes, in their order; the truth of the built-in ones does not enter."""
     jobs = []
     for s in selections:
-        items = [(s.split_of(i), i, s.shelf.shapes[s.role, s.category][i] if s.shelf.shapes else None) for i in s.indices]
+        items = [
+            (s.split_of(i), i, s.shelf.shapes[s.role, s.category][i] if s.shelf.shapes else None) for i in s.indices
+        ]
         jobs += [_Job(s.role, s.category, tuple(items[k : k + CHUNK])) for k in range(0, len(items), CHUNK)]
     total = sum(len(j.items) for j in jobs)
     place = {(j.role, j.category, i): k for k, (j, i) in enumerate((j, i) for j in jobs for _, i, _ in j.items)}
