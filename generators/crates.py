@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
@@ -42,7 +43,7 @@ def _lid(low: Vector, high: Vector, thick: float, overhang: float) -> tuple[Mesh
     return box(a, b), Top(rectangle(a, b), high[2])
 
 
-def _side_grips(rng: Generator, low: Vector, high: Vector, share: float) -> list[Mesh]:
+def _side_grips(low: Vector, high: Vector, share: float) -> list[Mesh]:
     """Return a bar on two posts at either end of a body, at a share of its height."""
     z, half = share * high[2], min(0.07, 0.3 * (high[0] - low[0]))
     made = []
@@ -53,7 +54,7 @@ def _side_grips(rng: Generator, low: Vector, high: Vector, share: float) -> list
     return made
 
 
-def _latches(rng: Generator, x: float, y: tuple[float, ...], z: float, size: float) -> list[Mesh]:
+def _latches(x: float, y: tuple[float, ...], z: float, size: float) -> list[Mesh]:
     """Return plates with a staple across the joint of lid and body, on the front."""
     plates = [box((x - INTO, at - size / 2, z - size), (x + 0.006, at + size / 2, z + 0.5 * size)) for at in y]
     return plates + [
@@ -62,26 +63,26 @@ def _latches(rng: Generator, x: float, y: tuple[float, ...], z: float, size: flo
 
 
 def _carton(rng: Generator, name: str) -> Shape:
-    """A closed carton: tape down both ends, a label and printed arrows in relief on the front."""
+    """Make a closed carton: tape down both ends, a label and printed arrows in relief on the front."""
     low, high = _corners(rng, (0.25, 0.6), (0.2, 0.45), (0.15, 0.45))
     parts, wall = Assembly([box(low, high)]), 0.011 * max(high[1] * 2, high[0] * 2, high[2])
     held = INHABITANTS["divider"](rng, _room(low, high, wall)) if rng.uniform() < 0.4 else []
     parts.hollow(_room(low, high, wall), held)
     (_, y1, z1), wide = high, 0.025
     for s in (-1, 1):
-        y = sorted((s * (y1 - INTO), s * (y1 + 0.0015)))
-        parts.fittings.append(box((-wide, y[0], 0.6 * z1), (wide, y[1], z1 - 0.002)))
+        a, b = sorted((s * (y1 - INTO), s * (y1 + 0.0015)))
+        parts.fittings.append(box((-wide, a, 0.6 * z1), (wide, b, z1 - 0.002)))
     x = high[0]
     parts.fittings.append(box((x - INTO, 0.1 * y1, 0.15 * z1), (x + 0.0015, 0.85 * y1, 0.5 * z1)))
     for y in (-0.7 * y1, -0.45 * y1):
         arrow = np.array([[-0.008, 0.0], [0.008, 0.0], [0.0, 0.02]]) * (z1 / 0.2)
-        head = prism(arrow + [y, 0.72 * z1], 0, x - INTO, x + 0.0015)
+        head = prism(arrow + np.array([y, 0.72 * z1]), 0, x - INTO, x + 0.0015)
         parts.fittings += [head, box((x - INTO, y - 0.003, 0.5 * z1), (x + 0.0015, y + 0.003, 0.73 * z1))]
     return parts.shape("box", f"{name}-{'divider' if held else 'empty'}", Top(rectangle(low, high), z1))
 
 
 def _open_carton(rng: Generator, name: str) -> Shape:
-    """A carton with its four flaps up and out: no cavity, and no level patch near the highest point."""
+    """Make a carton with its four flaps up and out: no cavity, and no level patch near the highest point."""
     low, high = _corners(rng, (0.25, 0.6), (0.2, 0.45), (0.15, 0.4))
     wall, (x, y, z) = 0.005, high
     parts = Assembly([box(low, high)], [box((low[0] + wall, low[1] + wall, wall), (x - wall, y - wall, z + INTO))])
@@ -100,7 +101,7 @@ def _open_carton(rng: Generator, name: str) -> Shape:
 
 
 def _crate(rng: Generator, name: str) -> Shape:
-    """A crate of boards and corner battens under a lid; posts may stand in its corners."""
+    """Make a crate of boards and corner battens under a lid; posts may stand in its corners."""
     low, high = _corners(rng, (0.4, 0.9), (0.35, 0.6), (0.3, 0.6))
     wall, thick, (x, y, z) = rng.uniform(0.014, 0.02), rng.uniform(0.014, 0.022), high
     lid, top = _lid(low, high, thick, 0.012)
@@ -111,9 +112,9 @@ def _crate(rng: Generator, name: str) -> Shape:
     if rng.uniform() < 0.5:
         words = ["posts"]
         (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
-        for a in ((x0 - INTO, x0 + post), (x1 - post, x1 + INTO)):
+        for span in ((x0 - INTO, x0 + post), (x1 - post, x1 + INTO)):
             held += [
-                box((a[0], b[0], z0 - INTO), (a[1], b[1], z1 + INTO))
+                box((span[0], b[0], z0 - INTO), (span[1], b[1], z1 + INTO))
                 for b in ((y0 - INTO, y0 + post), (y1 - post, y1 + INTO))
             ]
     parts.hollow(cell, held)
@@ -147,7 +148,7 @@ def _vault(
     """Add a hollow arched body along x (0) or y (1); return its cavity, which reaches to the arch's inner crest."""
 
     def along(outline: Points, lift: float, ends: tuple[float, float]) -> Mesh:
-        moved = outline + [0.0, lift]
+        moved = outline + np.array([0.0, lift])
         # An outline for axis 1 is in (z, x): exchanging the columns turns it over.
         return prism(moved[::-1, ::-1] if axis == 1 else moved, axis, *ends)
 
@@ -161,7 +162,7 @@ def _vault(
 
 
 def _chest(rng: Generator, name: str) -> Shape:
-    """A treasure chest: a vaulted lid along y with bands, a lock plate, grips at both ends."""
+    """Make a treasure chest: a vaulted lid along y with bands, a lock plate, grips at both ends."""
     w, d, h = rng.uniform(0.5, 1.1), rng.uniform(0.35, 0.55), rng.uniform(0.25, 0.4)
     rise, wall = rng.uniform(0.25, 0.42) * h, rng.uniform(0.013, 0.02)
     parts = Assembly()
@@ -171,13 +172,13 @@ def _chest(rng: Generator, name: str) -> Shape:
         parts.solids.append(prism(band[::-1, ::-1], 1, y - 0.02, y + 0.02))
     joint = (d / 2 + 0.004, w / 2 + 0.004, h - 0.004)
     parts.solids.append(box((-joint[0], -joint[1], h - 0.02), joint))
-    parts.fittings += _latches(rng, d / 2 + 0.004, (0.0,), h - 0.01, 0.07)
-    parts.fittings += _side_grips(rng, (-d / 2, -w / 2, 0.0), (d / 2, w / 2, h), 0.6)
+    parts.fittings += _latches(d / 2 + 0.004, (0.0,), h - 0.01, 0.07)
+    parts.fittings += _side_grips((-d / 2, -w / 2, 0.0), (d / 2, w / 2, h), 0.6)
     return parts.shape("box", name, None)
 
 
 def _mail_box(rng: Generator, name: str) -> Shape:
-    """A rural mail box, a tunnel along x with a flag; or a letter box for walls with a sloped roof."""
+    """Make a rural mail box, a tunnel along x with a flag; or a letter box for walls with a sloped roof."""
     if rng.uniform() < 0.6:
         w, d, h = rng.uniform(0.16, 0.24), rng.uniform(0.42, 0.52), rng.uniform(0.15, 0.2)
         wall, rise, parts = 0.006, min(0.4 * w, 0.45 * h), Assembly()
@@ -207,7 +208,7 @@ def _mail_box(rng: Generator, name: str) -> Shape:
 
 
 def _tool_box(rng: Generator, name: str) -> Shape:
-    """A tool box with a round handle over its lid, latches, and a tray on ledges inside or none."""
+    """Make a tool box with a round handle over its lid, latches, and a tray on ledges inside or none."""
     low, high = _corners(rng, (0.36, 0.6), (0.18, 0.28), (0.16, 0.26))
     wall, (x, y, z) = 0.012 * 2 * high[1], high
     parts = Assembly([box(low, high)])
@@ -223,12 +224,12 @@ def _tool_box(rng: Generator, name: str) -> Shape:
         parts.fittings.append(
             leaning(post, (0.0, s * (half - 0.012), z - INTO), (0.0, s * (half - 0.012), z + up), 0.7)
         )
-    parts.fittings += _latches(rng, x + 0.003, (-0.55 * y, 0.55 * y), joint + 0.004, 0.035)
+    parts.fittings += _latches(x + 0.003, (-0.55 * y, 0.55 * y), joint + 0.004, 0.035)
     return parts.shape("box", f"{name}-{'tray' if tray else 'empty'}", None)
 
 
 def _shoe_box(rng: Generator, name: str) -> Shape:
-    """A shoe box under a lid that reaches over its sides."""
+    """Make a shoe box under a lid that reaches over its sides."""
     low, high = _corners(rng, (0.29, 0.37), (0.17, 0.24), (0.1, 0.14))
     wall = 0.011 * 2 * high[1]
     lid, top = _lid(low, high, rng.uniform(0.025, 0.045), 0.003)
@@ -240,30 +241,31 @@ def _shoe_box(rng: Generator, name: str) -> Shape:
 
 
 def _compartments(rng: Generator, name: str) -> Shape:
-    """A box with dividers under a lid: of full height, so that each compartment is a cavity, or of half height."""
+    """Make a box with dividers under a lid: of full height, so that each compartment is a cavity, or of half height."""
     low, high = _corners(rng, (0.28, 0.5), (0.2, 0.36), (0.09, 0.18))
     longest, full = 2 * high[1], rng.uniform() < 0.5
     wall, thick = 0.012 * longest, 0.014 * longest
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 3))
     lid, top = _lid(low, high, thick, 0.003)
     parts = Assembly([box(low, (high[0], high[1], high[2] - thick + INTO)), lid])
-    (x0, y0, z0), (x1, y1, z1) = cell = (*(a + wall for a in low),), (high[0] - wall, high[1] - wall, high[2] - thick)
+    cell = Cavity((low[0] + wall, low[1] + wall, wall), (high[0] - wall, high[1] - wall, high[2] - thick))
+    (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     xs, ys = ((np.arange(n + 1) * ((b - a + wall) / n) + a).tolist() for n, a, b in ((rows, x0, x1), (columns, y0, y1)))
     if full:
-        for a, b in zip(xs[:-1], xs[1:], strict=True):
-            for c, d in zip(ys[:-1], ys[1:], strict=True):
+        for a, b in pairwise(xs):
+            for c, d in pairwise(ys):
                 parts.hollow(Cavity((a, c, z0), (b - wall, d - wall, z1)))
     else:
         half = z0 + rng.uniform(0.4, 0.6) * (z1 - z0)
         held = [box((a - wall, y0 - INTO, z0 - INTO), (a, y1 + INTO, half)) for a in xs[1:-1]]
         held += [box((x0 - INTO, c - wall, z0 - INTO), (x1 + INTO, c, half)) for c in ys[1:-1]]
-        parts.hollow(Cavity(cell[0], cell[1]), held)
-    parts.fittings += _latches(rng, high[0] + 0.003, (0.0,), high[2] - thick - 0.006, 0.014)
+        parts.hollow(cell, held)
+    parts.fittings += _latches(high[0] + 0.003, (0.0,), high[2] - thick - 0.006, 0.014)
     return parts.shape("box", f"{name}-{'full' if full else 'half'}{columns}x{rows}", top)
 
 
 def _drawer_box(rng: Generator, name: str) -> Shape:
-    """A small chest of drawers for a desk or a workshop."""
+    """Make a small chest of drawers for a desk or a workshop."""
     low, high = _corners(rng, (0.2, 0.4), (0.2, 0.32), (0.18, 0.36))
     rows, columns = int(rng.integers(2, 5)), int(rng.integers(1, 3))
     rows = min(rows, int(high[2] / 0.07))
@@ -273,7 +275,7 @@ def _drawer_box(rng: Generator, name: str) -> Shape:
 
 
 def _cooler(rng: Generator, name: str) -> Shape:
-    """An ice chest: thick walls, a lid, grips at both ends, a drain; a step or a divider inside or none."""
+    """Make an ice chest: thick walls, a lid, grips at both ends, a drain; a step or a divider inside or none."""
     low, high = _corners(rng, (0.45, 0.9), (0.32, 0.45), (0.32, 0.45))
     wall, (x, y, z) = rng.uniform(0.025, 0.04), high
     thick = wall + rng.uniform(0.005, 0.02)
@@ -291,8 +293,8 @@ def _cooler(rng: Generator, name: str) -> Shape:
         parts.cavities.append(Cavity(cell.low, cell.high, inhabited=True))
     else:
         parts.hollow(cell, INHABITANTS["divider"](rng, cell) if inside == "divider" else [])
-    parts.fittings += _side_grips(rng, low, high, 0.7)
-    parts.fittings += _latches(rng, x, (-0.4 * y, 0.4 * y), z - thick - 0.012, 0.03)
+    parts.fittings += _side_grips(low, high, 0.7)
+    parts.fittings += _latches(x, (-0.4 * y, 0.4 * y), z - thick - 0.012, 0.03)
     parts.fittings.append(cylinder(0, (x + 0.01, 0.7 * y, 0.06), 0.016, 0.022, 16))
     parts.fittings += [
         box((low[0] + 0.02, s * 0.8 * y - 0.01, 0.0), (x - 0.02, s * 0.8 * y + 0.01, 0.004)) for s in (-1, 1)
@@ -301,7 +303,7 @@ def _cooler(rng: Generator, name: str) -> Shape:
 
 
 def _display_case(rng: Generator, name: str) -> Shape:
-    """A case of panes on a base: a stand inside, or glass shelves set back from the front."""
+    """Make a case of panes on a base: a stand inside, or glass shelves set back from the front."""
     low, high = _corners(rng, (0.3, 0.6), (0.25, 0.4), (0.3, 0.6))
     longest, (x, y, z) = max(2 * high[1], high[2]), high
     pane, base = 0.011 * longest, rng.uniform(0.04, 0.07)
@@ -333,7 +335,7 @@ def _display_case(rng: Generator, name: str) -> Shape:
 
 
 def _bread_box(rng: Generator, name: str) -> Shape:
-    """A bread box: its lid is a quarter of an ellipse from the top down to the front, with a grip along its edge."""
+    """Make a bread box: its lid is a quarter of an ellipse from the top down to the front, with a grip along its edge."""
     w, d, h = rng.uniform(0.35, 0.48), rng.uniform(0.24, 0.3), rng.uniform(0.18, 0.24)
     wall, flat, shoulder = 0.011 * w, rng.uniform(0.6, 0.7) * d, rng.uniform(0.5, 0.6) * h
 
@@ -353,7 +355,7 @@ def _bread_box(rng: Generator, name: str) -> Shape:
 
 
 def _blanket_box(rng: Generator, name: str) -> Shape:
-    """A blanket box: a panelled chest with a flat lid, on feet."""
+    """Make a blanket box: a panelled chest with a flat lid, on feet."""
     low, high = _corners(rng, (0.7, 1.2), (0.38, 0.5), (0.42, 0.55))
     lift, wall, thick, (x, y, z) = rng.uniform(0.04, 0.09), rng.uniform(0.016, 0.022), rng.uniform(0.018, 0.028), high
     lid, top = _lid(low, high, thick, 0.015)

@@ -44,8 +44,10 @@ KINDS: dict[str, Kind] = {
     "dials": Kind((0.44, 0.5), (0.32, 0.4), (0.25, 0.29), (0.24, 0.28), floors=("turntable",), knobs=True, weight=0.5),
     "retro": Kind((0.45, 0.52), (0.34, 0.42), (0.27, 0.33), (0.24, 0.3), floors=("turntable",), knobs=True),
     "over_range": Kind((0.74, 0.76), (0.36, 0.42), (0.38, 0.44), (0.2, 0.26), feet=False, weight=1.6),
-    "built_in": Kind((0.54, 0.58), (0.34, 0.42), (0.33, 0.37), (0.2, 0.25), floors=("flatbed", "turntable", "rack"), feet=False),
-    "drawer": Kind((0.6, 0.75), (0.52, 0.6), (0.36, 0.42), (0.2, 0.26), above=True, floors=("flatbed",), feet=False, weight=1.2),
+    "built_in": Kind((0.54, 0.58), (0.34, 0.42), (0.33, 0.37), (0.2, 0.25), floors=("flatbed", "turntable", "rack"),
+        feet=False),
+    "drawer": Kind((0.6, 0.75), (0.52, 0.6), (0.36, 0.42), (0.2, 0.26), above=True, floors=("flatbed",), feet=False,
+        weight=1.2),
     "grill": Kind((0.44, 0.56), (0.36, 0.48), (0.27, 0.34), (0.22, 0.27), floors=("rack", "turntable")),
 }  # fmt: skip
 """The kinds of microwave ovens."""
@@ -184,19 +186,19 @@ def _vents(rng: Generator, case: _Case, name: str) -> list[Mesh]:
 
 
 def _turntable(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """A glass tray on a hub in the middle of the floor, close above it."""
+    """Return a glass tray on a hub in the middle of the floor, close above it."""
     (x0, y0, z0), (x1, y1, _) = cell.low, cell.high
     x, y, radius = (x0 + x1) / 2, (y0 + y1) / 2, rng.uniform(0.4, 0.44) * min(x1 - x0, y1 - y0)
     hub = cylinder(2, (x, y, z0 + 0.001), 0.12 * radius, 0.01, 12)
     return [hub, cylinder(2, (x, y, z0 + 0.007), radius, 0.006, 32)]
 
 
-def _flatbed(rng: Generator, cell: Cavity) -> list[Mesh]:
+def _flatbed(_rng: Generator, _cell: Cavity) -> list[Mesh]:
     return []
 
 
 def _rack(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """Two ledges on the side walls, for a grid."""
+    """Return two ledges on the side walls, for a grid."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     z, out = z0 + rng.uniform(0.4, 0.6) * (z1 - z0), rng.uniform(0.008, 0.014)
     span = x0 - INTO, x0 + 0.85 * (x1 - x0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
@@ -40,10 +41,13 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "top_freezer": Kind((0.55, 0.78), (0.52, 0.68), (1.4, 1.8), ((0.66, 0.74, ("cooler",)), (0.26, 0.34, ("freezer",))), weight=1.8),
-    "bottom_freezer": Kind((0.55, 0.7), (0.55, 0.66), (1.6, 2.05), ((0.32, 0.42, ("baskets",)), (0.58, 0.68, ("cooler",))), weight=1.5),
+    "top_freezer": Kind((0.55, 0.78), (0.52, 0.68), (1.4, 1.8), ((0.66, 0.74, ("cooler",)), (0.26, 0.34,
+        ("freezer",))), weight=1.8),
+    "bottom_freezer": Kind((0.55, 0.7), (0.55, 0.66), (1.6, 2.05), ((0.32, 0.42, ("baskets",)), (0.58, 0.68,
+        ("cooler",))), weight=1.5),
     "side_by_side": Kind((0.85, 0.95), (0.6, 0.7), (1.7, 1.82), ((1.0, 1.0, ("shelved", "cooler")),), weight=1.5),
-    "french_door": Kind((0.75, 0.95), (0.6, 0.72), (1.7, 1.85), ((0.3, 0.38, ("freezer",)), (0.62, 0.7, ("cooler",))), leaves=2, weight=1.2),
+    "french_door": Kind((0.75, 0.95), (0.6, 0.72), (1.7, 1.85), ((0.3, 0.38, ("freezer",)), (0.62, 0.7, ("cooler",))),
+        leaves=2, weight=1.2),
     "single_door": Kind((0.5, 0.65), (0.52, 0.62), (0.82, 1.85), ((1.0, 1.0, ("cooler",)),), weight=1.3),
     "ice_box": Kind((0.5, 0.6), (0.52, 0.62), (0.82, 1.45), ((1.0, 1.0, ("ice_box",)),)),
     "mini_bar": Kind((0.38, 0.48), (0.38, 0.48), (0.48, 0.7), ((1.0, 1.0, ("bar",)),), weight=0.6),
@@ -108,7 +112,7 @@ def _doors(
     """Hang a door slab on the cabinet between each pair of sides; it stays a little below the cabinet's top."""
     gap = 0.003
     hinge = 1 if rng.uniform() < 0.5 else -1
-    for k, (y0, y1) in enumerate(zip(sides[:-1], sides[1:], strict=True)):
+    for k, (y0, y1) in enumerate(pairwise(sides)):
         low, high = (front - INTO, y0 + gap, z[0] + gap), (front + thick, y1 - gap, z[1] - 2 * gap)
         parts.fittings.append(box(low, high))
         pair = len(sides) == 3
@@ -206,7 +210,7 @@ def _racks(rng: Generator, cell: Cavity, out: float) -> list[Mesh]:
     return made
 
 
-def _crisper(rng: Generator, parts: Assembly, cell: Cavity, depth: float, height: float, wall: float) -> None:
+def _crisper(parts: Assembly, cell: Cavity, depth: float, height: float, wall: float) -> None:
     """Hollow one or two drawers out of the block at the bottom of a compartment; each is a cavity of its own."""
     (x0, y0, z0), (_, y1, _) = cell.low, cell.high
     count = 2 if y1 - y0 > 0.55 else 1
@@ -239,7 +243,7 @@ def _cooler(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> li
     else:
         _stepped(parts, cell, (depth, height))
     if base == "crisper":
-        _crisper(rng, parts, cell, depth, height, max(0.012, 0.0075 * longest))
+        _crisper(parts, cell, depth, height, max(0.012, 0.0075 * longest))
     shelves = _shelves(rng, cell, cell.low[2] + height, back, longest, rng.uniform(0.15, 0.26))
     racks = _racks(rng, cell, back - PASSAGE * longest) if rng.uniform() < 0.8 else []
     parts.fittings += shelves + racks
@@ -289,7 +293,7 @@ def _baskets(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> l
 
 
 def _shelved(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
-    """A tall, narrow freezer: shelves set back and racks in the door."""
+    """Set shelves that end before racks in the door into a tall, narrow freezer."""
     back = max(0.24 * cell.sizes[0], 0.08 + PASSAGE * longest)
     inside = _shelves(rng, cell, cell.low[2], back, longest, rng.uniform(0.18, 0.3)) + _racks(
         rng, cell, back - PASSAGE * longest
@@ -299,7 +303,7 @@ def _shelved(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> l
 
 
 def _ice_box(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
-    """An ice box with a flap hangs from the ceiling of the larder."""
+    """Hang an ice box with a flap from the ceiling of the larder."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     wall = max(0.012, 0.009 * longest)
     height, back = max(rng.uniform(0.13, 0.18), 0.09 * longest + wall), max(0.22 * (x1 - x0), 0.11)
@@ -316,7 +320,7 @@ def _ice_box(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> l
 
 
 def _bar(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> list[str]:
-    """A small larder: empty, or with a wire shelf, a rack, or the compressor's step."""
+    """Furnish a small larder: empty, or with a wire shelf, a rack, or the compressor's step."""
     inside = str(rng.choice(["empty", "shelf", "step"]))
     if inside == "step":
         _stepped(parts, cell, _hump(rng, cell, longest))

@@ -43,13 +43,20 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "dial": Kind((0.35, 0.65), (0.38, 0.6), (0.4, 0.9), (0.04, 0.07), ("dial_spokes", "dial_wheel", "dial_lever"), ("empty", "half_shelf", "shelf", "locker", "bolts", "hinges"), base=("none", "feet", "casters"), weight=2.0),
-    "keypad": Kind((0.33, 0.6), (0.35, 0.55), (0.35, 0.8), (0.03, 0.06), ("keypad_lever", "keypad_spokes"), ("empty", "half_shelf", "shelf", "bolts", "hinges", "locker"), weight=2.0),
-    "hotel": Kind((0.38, 0.46), (0.32, 0.42), (0.18, 0.26), (0.012, 0.018), ("digital",), ("empty", "bolts", "hinges"), base=("none",), weight=1.3),
-    "gun": Kind((0.4, 0.8), (0.38, 0.6), (1.35, 1.6), (0.03, 0.06), ("keypad_spokes", "dial_spokes"), ("rifles", "half_shelf", "divided", "hinges"), weight=1.3),
-    "depository": Kind((0.35, 0.5), (0.38, 0.5), (0.55, 0.85), (0.03, 0.05), ("dial_lever", "keypad_lever"), ("empty", "chute", "bolts"), weight=1.0),
-    "two_door": Kind((0.45, 0.7), (0.45, 0.65), (0.9, 1.5), (0.04, 0.06), ("dial_lever", "keypad_lever", "dial_spokes"), ("empty", "half_shelf", "bolts", "hinges"), doors=2, weight=1.0),
-    "wall": Kind((0.34, 0.5), (0.18, 0.32), (0.25, 0.5), (0.012, 0.025), ("digital", "keypad_lever", "dial_lever"), ("empty", "half_shelf", "bolts"), base=("none",), weight=1.0),
+    "dial": Kind((0.35, 0.65), (0.38, 0.6), (0.4, 0.9), (0.04, 0.07), ("dial_spokes", "dial_wheel", "dial_lever"),
+        ("empty", "half_shelf", "shelf", "locker", "bolts", "hinges"), base=("none", "feet", "casters"), weight=2.0),
+    "keypad": Kind((0.33, 0.6), (0.35, 0.55), (0.35, 0.8), (0.03, 0.06), ("keypad_lever", "keypad_spokes"), ("empty",
+        "half_shelf", "shelf", "bolts", "hinges", "locker"), weight=2.0),
+    "hotel": Kind((0.38, 0.46), (0.32, 0.42), (0.18, 0.26), (0.012, 0.018), ("digital",), ("empty", "bolts",
+        "hinges"), base=("none",), weight=1.3),
+    "gun": Kind((0.4, 0.8), (0.38, 0.6), (1.35, 1.6), (0.03, 0.06), ("keypad_spokes", "dial_spokes"), ("rifles",
+        "half_shelf", "divided", "hinges"), weight=1.3),
+    "depository": Kind((0.35, 0.5), (0.38, 0.5), (0.55, 0.85), (0.03, 0.05), ("dial_lever", "keypad_lever"), ("empty",
+        "chute", "bolts"), weight=1.0),
+    "two_door": Kind((0.45, 0.7), (0.45, 0.65), (0.9, 1.5), (0.04, 0.06), ("dial_lever", "keypad_lever",
+        "dial_spokes"), ("empty", "half_shelf", "bolts", "hinges"), doors=2, weight=1.0),
+    "wall": Kind((0.34, 0.5), (0.18, 0.32), (0.25, 0.5), (0.012, 0.025), ("digital", "keypad_lever", "dial_lever"),
+        ("empty", "half_shelf", "bolts"), base=("none",), weight=1.0),
 }  # fmt: skip
 """The kinds with doors in front; the cash box has a maker of its own."""
 CASH_WEIGHT = 1.2
@@ -88,7 +95,7 @@ def _with_doors(rng: Generator, name: str, kind: Kind) -> Shape:
         words[inside] = None
         _door(rng, parts, d / 2, door, (0.4 * wall - w / 2, w / 2 - 0.4 * wall, z0 + 0.4 * wall, z1 - 0.4 * wall), lock)
     if head:
-        _hopper(rng, parts, d / 2, w, (float(edges[-1]), lift + h))
+        _hopper(parts, d / 2, w, (float(edges[-1]), lift + h))
     back = d / 2
     if rim:
         back = d / 2 - 0.006
@@ -113,7 +120,7 @@ def _door(
 
 
 def _dial(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A numbered dial: a ring and a knob with a grooved edge, above the middle."""
+    """Return a numbered dial: a ring and a knob with a grooved edge, above the middle."""
     y0, y1, z0, z1 = where
     y, z, radius = (y0 + y1) / 2, z0 + 0.68 * (z1 - z0), min(rng.uniform(0.035, 0.05), 0.15 * (z1 - z0))
     return [
@@ -123,8 +130,8 @@ def _dial(rng: Generator, x: float, where: tuple[float, float, float, float]) ->
     ]
 
 
-def _keypad(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A block with three by four keys and a display above the middle."""
+def _keypad(_rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
+    """Return a block with three by four keys and a display above the middle."""
     y0, y1, z0, z1 = where
     half, tall = min(0.05, 0.16 * (y1 - y0)), min(0.14, 0.32 * (z1 - z0))
     y, z = (y0 + y1) / 2, z0 + 0.56 * (z1 - z0)
@@ -137,8 +144,8 @@ def _keypad(rng: Generator, x: float, where: tuple[float, float, float, float]) 
     return made
 
 
-def _digital(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A wide panel with a display, a row of keys, and a knob, as on hotel safes."""
+def _digital(_rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
+    """Return a wide panel with a display, a row of keys, and a knob, as on hotel safes."""
     y0, y1, z0, z1 = where
     w, h = y1 - y0, z1 - z0
     a, b = y0 + 0.12 * w, z0 + 0.3 * h
@@ -168,7 +175,7 @@ def _spoked(
 
 
 def _spokes(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A handle of spokes with thick ends."""
+    """Return a handle of spokes with thick ends."""
     made, y, z, radius, out = _spoked(rng, x, where)
     ends = []
     for spoke in made[1:]:
@@ -178,15 +185,15 @@ def _spokes(rng: Generator, x: float, where: tuple[float, float, float, float]) 
 
 
 def _wheel(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A handle wheel: spokes within a rim of straight bars."""
+    """Return a handle wheel: spokes within a rim of straight bars."""
     made, y, z, radius, out = _spoked(rng, x, where)
     side = 2 * radius * math.sin(math.pi / 12)
     bar = cylinder(2, (out, y + radius * math.cos(math.pi / 12), z), 0.011, 1.12 * side, 8)
     return made + [turned(bar, 0, 2 * math.pi * k / 12, (0.0, y, z)) for k in range(12)]
 
 
-def _lever(rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
-    """A lever on a rose below the middle."""
+def _lever(_rng: Generator, x: float, where: tuple[float, float, float, float]) -> list[Mesh]:
+    """Return a lever on a rose below the middle."""
     y0, y1, z0, z1 = where
     y, z, length = (y0 + y1) / 2, z0 + 0.3 * (z1 - z0), min(0.11, 0.3 * (y1 - y0))
     rose = cylinder(0, (x + 0.005, y, z), 0.028, 0.012, 24)
@@ -205,7 +212,7 @@ LOCKS: dict[str, Callable[[Generator, float, tuple[float, float, float, float]],
 """Parts on a door by name: from its front and its bounds (y0, y1, z0, z1), m."""
 
 
-def _hopper(rng: Generator, parts: Assembly, front: float, w: float, z: tuple[float, float]) -> None:
+def _hopper(parts: Assembly, front: float, w: float, z: tuple[float, float]) -> None:
     """Fit a deposit flap with a handle and a lip below it to the head of a depository."""
     z0, z1 = z[0] + 0.12 * (z[1] - z[0]), z[1] - 0.12 * (z[1] - z[0])
     half = 0.38 * w
@@ -214,14 +221,14 @@ def _hopper(rng: Generator, parts: Assembly, front: float, w: float, z: tuple[fl
     parts.fittings.append(box((front, -0.8 * half, z0 + 0.02), (front + 0.02, 0.8 * half, z0 + 0.028)))
 
 
-def _empty(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
+def _empty(_rng: Generator, parts: Assembly, cell: Cavity, _longest: float) -> None:
     parts.hollow(cell)
 
 
 def _held(name: str) -> Callable[[Generator, Assembly, Cavity, float], None]:
     """Return a filler that sets an inhabitant of joinery into the cell."""
 
-    def fill(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
+    def fill(rng: Generator, parts: Assembly, cell: Cavity, _longest: float) -> None:
         parts.hollow(cell, INHABITANTS[name](rng, cell))
 
     return fill
@@ -235,8 +242,8 @@ def _shelf(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> Non
     parts.hollow(Cavity((x0, y0, z), cell.high))
 
 
-def _bolts(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
-    """Bolts of the door reach into the cell from the right wall; a lock case is fixed inside the door."""
+def _bolts(_rng: Generator, parts: Assembly, cell: Cavity, _longest: float) -> None:
+    """Let bolts of the door reach into the cell from the right wall; a lock case is fixed inside the door."""
     (_, y0, z0), (x1, y1, z1) = cell.low, cell.high
     radius = min(0.012, 0.05 * (z1 - z0))
     x, length = x1 - 2.5 * radius, min(0.05, 0.15 * (y1 - y0))
@@ -252,7 +259,7 @@ def _bolts(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> Non
 
 
 def _locker(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
-    """A locked compartment of its own in an upper corner, set back from the door."""
+    """Fit a locked compartment of its own into an upper corner, set back from the door."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     wall = max(0.006, 0.01 * longest)
     back = max(0.25 * (x1 - x0), LEAST * longest)
@@ -268,8 +275,8 @@ def _locker(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> No
     parts.cavities.append(Cavity(cell.low, cell.high, inhabited=True))
 
 
-def _rifles(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
-    """A barrel rest along the back wall: a board with notches, and a half-depth shelf above it."""
+def _rifles(rng: Generator, parts: Assembly, cell: Cavity, _longest: float) -> None:
+    """Fix a barrel rest along the back wall: a board with notches, and a half-depth shelf above it."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     z, reach = z0 + rng.uniform(0.5, 0.6) * (z1 - z0), min(0.06, 0.2 * (x1 - x0))
     made = [box((x0 - INTO, y0 - INTO, z), (x0 + 0.4 * reach, y1 + INTO, z + 0.04))]
@@ -283,7 +290,7 @@ def _rifles(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> No
 
 
 def _divided(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
-    """A full shelf on top, below it a partition from floor to shelf with shelves on one side."""
+    """Set a full shelf on top, below it a partition from floor to shelf with shelves on one side."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     board = 0.012 * longest
     shelf, y = z0 + rng.uniform(0.75, 0.8) * (z1 - z0), y0 + rng.uniform(0.42, 0.55) * (y1 - y0)
@@ -295,11 +302,6 @@ def _divided(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> N
         parts.hollow(Cavity((x0, y + board, z0 + k * tall), (x1, y1, z0 + (k + 1) * tall - board)))
 
 
-def _chute(rng: Generator, parts: Assembly, cell: Cavity, longest: float) -> None:
-    """A sloped baffle under the ceiling that keeps hands out, as below the slot of a depository."""
-    parts.hollow(cell, INHABITANTS["sloped"](rng, cell))
-
-
 INSIDES: dict[str, Callable[[Generator, Assembly, Cavity, float], None]] = {
     "empty": _empty,
     "half_shelf": _held("half_shelf"),
@@ -309,7 +311,7 @@ INSIDES: dict[str, Callable[[Generator, Assembly, Cavity, float], None]] = {
     "locker": _locker,
     "rifles": _rifles,
     "divided": _divided,
-    "chute": _chute,
+    "chute": _held("sloped"),
 }
 """What a compartment may hold; each cuts it and sets things into it."""
 

@@ -61,7 +61,7 @@ def _front_machine(rng: Generator, parts: Assembly, case: _Case, dryer: bool, tr
     if rng.uniform() < 0.7 and inside:
         inside += _paddles(rng, (back, front - 0.14), z, radius)
     _drum(parts, 0, (back, -radius, z - radius), (front, radius, z + radius), radius, inside)
-    parts.fittings += _door(rng, x1, z, radius, glass)
+    parts.fittings += _door(rng, x1, z, glass)
     parts.fittings += _panel(rng, case)
     if tray:
         wall, tall, wide = 0.012, max(0.062, 0.07 * (z1 - z0)), rng.uniform(0.14, 0.2)
@@ -82,7 +82,7 @@ def _paddles(rng: Generator, x: tuple[float, float], z: float, radius: float) ->
     return [turned(bar, 0, first + k * 2 * math.pi / 3, (0.0, 0.0, z)) for k in range(3)]
 
 
-def _door(rng: Generator, x: float, z: float, radius: float, glass: float) -> list[Mesh]:
+def _door(rng: Generator, x: float, z: float, glass: float) -> list[Mesh]:
     """Return a round door: a ring, the window's dome, a hinge on one side and a grip on the other."""
     ring, side = glass + rng.uniform(0.05, 0.07), 1 if rng.uniform() < 0.5 else -1
     out = rng.uniform(0.025, 0.04)
