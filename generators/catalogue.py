@@ -8,13 +8,38 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import crates, microwaves, refrigerators, storage, strongboxes, tables, vessels, washers
+from eigenbench.generators import (
+    baskets,
+    bins,
+    cartons,
+    cookware,
+    crates,
+    dispensers,
+    jars,
+    microwaves,
+    mugs,
+    refrigerators,
+    storage,
+    strongboxes,
+    tables,
+    tableware,
+    washers,
+)
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
     "object": {
-        "train": {"bottle": 16, "bowl": 128, "can": 65, "mug": 134},
-        "test": {"bucket": 33, "jar": 528},
+        "train": {
+            "basket": 77,
+            "bottle": 16,
+            "bowl": 128,
+            "box": 17,
+            "can": 65,
+            "mug": 134,
+            "pot": 16,
+            "trash_can": 25,
+        },
+        "test": {"bucket": 33, "dispenser": 9, "jar": 528, "kettle": 26},
     },
     "environment": {
         "train": {
@@ -36,18 +61,24 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
             "washing_machine": 3,
         },
     },
-    "mug": {"train": {}, "test": {}},
+    "mug": {"train": {"mug": 160}, "test": {"mug": 40}},
 }
 """Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
 
 MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
     "object": {
-        "bottle": vessels.make_bottle,
-        "bowl": vessels.make_bowl,
-        "bucket": vessels.make_bucket,
-        "can": vessels.make_can,
-        "jar": vessels.make_jar,
-        "mug": vessels.make_mug,
+        "basket": baskets.make_basket,
+        "bottle": tableware.make_bottle,
+        "bowl": tableware.make_bowl,
+        "box": cartons.make_box,
+        "bucket": bins.make_bucket,
+        "can": tableware.make_can,
+        "dispenser": dispensers.make_dispenser,
+        "jar": jars.make_jar,
+        "kettle": cookware.make_kettle,
+        "mug": mugs.make_mug,
+        "pot": cookware.make_pot,
+        "trash_can": bins.make_trash_can,
     },
     "environment": {
         "box": crates.make_box,
@@ -58,7 +89,7 @@ MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
         "table": tables.make_table,
         "washing_machine": washers.make_washing_machine,
     },
-    "mug": {},
+    "mug": {"mug": mugs.make_mug},
 }
 """The maker of each category, by role."""
 

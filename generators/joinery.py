@@ -65,7 +65,7 @@ def legs(low: Vector, high: Vector, size: float, kind: str) -> list[Mesh]:
             else:
                 outline = cylinder_outline(size / 2 * (0.6 if kind == "tapered" else 1.0))
                 leg = prism(outline, 2, 0.0, top, 1 / 0.6 if kind == "tapered" else 1.0)
-                made.append(Mesh(leg.vertices + [x, y, 0.0], leg.faces))
+                made.append(Mesh(leg.vertices + np.array([x, y, 0.0]), leg.faces))
     return made
 
 
@@ -79,7 +79,7 @@ def cylinder_outline(radius: float, sides: int = 16) -> Points:
 
 
 def rail(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """A clothes rail from side to side, high up."""
+    """Return a clothes rail from side to side, high up."""
     (x0, y0, _), (x1, y1, z1) = cell.low, cell.high
     w, d, h = y1 - y0, x1 - x0, cell.sizes[2]
     radius = min(0.016, 0.05 * min(d, h))
@@ -92,7 +92,7 @@ def rail(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def half_shelf(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """A shelf fixed to the back that reaches a third to two thirds to the front."""
+    """Return a shelf fixed to the back that reaches a third to two thirds to the front."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     z = z0 + rng.uniform(0.35, 0.65) * (z1 - z0)
     reach = rng.uniform(0.35, 0.65) * (x1 - x0)
@@ -101,7 +101,7 @@ def half_shelf(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def sloped_ceiling(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """A slope under the ceiling, from the back or from one side, as below stairs and roofs."""
+    """Return a slope under the ceiling, from the back or from one side, as below stairs and roofs."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     drop, run = rng.uniform(0.25, 0.5) * (z1 - z0), rng.uniform(0.4, 0.7)
     if rng.uniform() < 0.5:
@@ -112,7 +112,7 @@ def sloped_ceiling(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def hinge_blocks(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """Two hinge blocks on one side wall, near the front."""
+    """Return two hinge blocks on one side wall, near the front."""
     (_, y0, z0), (x1, y1, z1) = cell.low, cell.high
     size = min(0.045, 0.12 * (y1 - y0), 0.12 * (z1 - z0))
     left = rng.uniform() < 0.5
@@ -126,7 +126,7 @@ def hinge_blocks(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def runners(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """A pair of runners along both side walls, for a tray or a basket."""
+    """Return a pair of runners along both side walls, for a tray or a basket."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     z = z0 + rng.uniform(0.3, 0.7) * (z1 - z0)
     out, thick = min(0.02, 0.06 * (y1 - y0)), min(0.012, 0.06 * (z1 - z0))
@@ -138,7 +138,7 @@ def runners(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def half_divider(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """An upright board that divides the lower part of the cell."""
+    """Return an upright board that divides the lower part of the cell."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     y = y0 + rng.uniform(0.35, 0.65) * (y1 - y0)
     thick = min(0.012, 0.05 * (y1 - y0))
@@ -147,7 +147,7 @@ def half_divider(rng: Generator, cell: Cavity) -> list[Mesh]:
 
 
 def pipe(rng: Generator, cell: Cavity) -> list[Mesh]:
-    """An upright pipe near the back, as under a sink."""
+    """Return an upright pipe near the back, as under a sink."""
     (x0, y0, z0), (x1, y1, z1) = cell.low, cell.high
     radius = min(0.025, 0.06 * min(x1 - x0, y1 - y0))
     at = (x0 + 0.25 * (x1 - x0), y0 + rng.uniform(0.3, 0.7) * (y1 - y0), (z0 + z1) / 2)

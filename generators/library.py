@@ -1,4 +1,4 @@
-"""The shapes of one split, normalised and packed for the kernels; built once, cached on disk."""
+"""The shapes of one role and split, normalised and packed for the kernels; built once, cached on disk."""
 
 import contextlib
 import hashlib
@@ -16,8 +16,9 @@ from scipy.spatial import ConvexHull, QhullError
 from eigenbench.cache import cache_folder
 from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
 from eigenbench.generators.catalogue import make_shapes
+from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
-from eigenbench.generators.shapes import Shape
+from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -31,21 +32,25 @@ _NAME_BYTES, _CATEGORY_BYTES = 96, 32
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """The shapes of one split.
+    """The shapes of one role and split, each centred in its smallest enclosing ball, of diameter 1.
 
     Attributes
     ----------
     surface : the packed shapes, ordered by category
     names : (K,) bytes, `category/name`
     categories : (K,) bytes
+    diameters : (K,) diameter of each enclosing ball before scaling, in the source's unit
+    measures : of each shape, in the packed frame
     refused : reason by shape name
-    digest : sha256 of names, categories and arrays
+    digest : sha256 of names, categories, measures and arrays
     path : the file that holds all this, for workers
     """
 
     surface: Surface
     names: NDArray[np.bytes_]
     categories: NDArray[np.bytes_]
+    diameters: NDArray[np.float64]
+    measures: tuple[Measures, ...]
     refused: dict[str, str]
     digest: str
     path: Path
@@ -93,9 +98,7 @@ def parse_source(source: str) -> tuple[str, Path]:
 
 def _default_key() -> str:
     """Return what the built-in shapes depend on: the sources that make them and their libraries."""
-    digest = hashlib.sha256()
-    for name in ("catalogue.py", "library.py", "measures.py", "shapes.py", "solids.py", "surface.py", "vessels.py"):
-        digest.update((Path(__file__).parent / name).read_bytes())
+    digest = hashlib.sha256(sources_digest().encode())
     for package in ("numpy", "scipy", "manifold3d"):
         digest.update(version(package).encode())
     return digest.hexdigest()[:16]
@@ -103,12 +106,14 @@ def _default_key() -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Packed:
-    """One shape's rows of a `Surface`."""
+    """One shape's rows of a `Surface`, its measures, and the diameter of its enclosing ball before scaling."""
 
     triangles: NDArray[np.float64]
     keep: NDArray[np.uint64]
     other: NDArray[np.int64]
     hull: NDArray[np.float64]
+    measures: Measures
+    diameter: float
 
 
 def normalise(shape: Shape) -> _Packed:
@@ -122,7 +127,8 @@ def normalise(shape: Shape) -> _Packed:
     if not 0.0 < spread < np.inf or not np.isfinite(1.0 / spread):
         msg = f"has a size of {spread:g}: its vertices coincide, or are too far apart to compute with"
         raise ShapeError(msg)
-    vertices = (vertices - vertices.min(axis=0)) / spread
+    corner = vertices.min(axis=0)
+    vertices = (vertices - corner) / spread
     try:
         hull = ConvexHull(vertices)
     except QhullError as error:
@@ -133,13 +139,15 @@ def normalise(shape: Shape) -> _Packed:
         msg = "is flat: its convex hull has no volume"
         raise ShapeError(msg)
     unit = round_to((vertices - centre) / (2 * radius), VERTEX_BITS)
+    diameter = 2 * radius * spread
+    measures = moved(shape.measures, corner + centre * spread, 1 / diameter, lambda p: round_to(p, VERTEX_BITS))
     corners = unit[faces]
     triangles = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
     keep, other, area = alias_table(triangles)
     if area == 0.0:
         msg = "has zero area"
         raise ShapeError(msg)
-    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)])
+    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)], measures, diameter)
 
 
 def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
@@ -171,6 +179,8 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         surface,
         np.array([_short(f"{s.category}/{s.name}", _NAME_BYTES) for s in kept], dtype=f"S{_NAME_BYTES}"),
         categories,
+        np.array([p.diameter for p in packed]),
+        tuple(p.measures for p in packed),
         refused,
     )
 
@@ -196,10 +206,17 @@ def _digest(arrays: dict[str, NDArray[np.generic]]) -> str:
 
 
 def _store(
-    surface: Surface, names: NDArray[np.bytes_], categories: NDArray[np.bytes_], refused: dict[str, str]
+    surface: Surface,
+    names: NDArray[np.bytes_],
+    categories: NDArray[np.bytes_],
+    diameters: NDArray[np.float64],
+    measures: tuple[Measures, ...],
+    refused: dict[str, str],
 ) -> Library:
     """Write the packed shapes into the cache, under their digest, and return them."""
-    arrays = {**surface._asdict(), "names": names, "categories": categories}
+    text = json.dumps([measures_to_json(m) for m in measures]).encode()
+    arrays = {**surface._asdict(), "names": names, "categories": categories, "diameters": diameters}
+    arrays["measures"] = np.frombuffer(text, dtype=np.uint8)
     digest = _digest(arrays)
     path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -213,14 +230,14 @@ def _store(
         raise GenerationError(msg) from error
     finally:
         temporary.unlink(missing_ok=True)
-    return Library(surface, names, categories, refused, digest, path)
+    return Library(surface, names, categories, diameters, measures, refused, digest, path)
 
 
 def open_library(path: Path) -> Library:
     """Read packed shapes back; DataError if the file is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories")}
+            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories", "diameters", "measures")}
             refused = json.loads(str(stored["refused"]))
     except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
@@ -230,4 +247,5 @@ def open_library(path: Path) -> Library:
         msg = f"Shape cache {path} is damaged: its content has digest {digest[:32]}. Delete it and run again."
         raise DataError(msg)
     surface = Surface(**{k: arrays[k] for k in Surface._fields})
-    return Library(surface, arrays["names"], arrays["categories"], refused, digest, path)
+    measures = tuple(measures_from_json(m) for m in json.loads(arrays["measures"].tobytes()))
+    return Library(surface, arrays["names"], arrays["categories"], arrays["diameters"], measures, refused, digest, path)

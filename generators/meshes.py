@@ -140,3 +140,10 @@ def _in_place(scene: trimesh.Scene) -> tuple[Points, Faces]:
             faces.append(np.asarray(part.faces, dtype=np.int64) + count)
             count += len(moved)
     return np.concatenate(vertices), np.concatenate(faces)
+
+
+def as_glb(mesh: Mesh) -> bytes:
+    """Return a mesh as binary glTF. That is y-up by specification: the file holds (x, z, -y), as float32."""
+    x, y, z = mesh.vertices.T
+    turned = trimesh.Trimesh(np.stack([x, z, -y], axis=1), mesh.faces, process=False)
+    return bytes(turned.export(file_type="glb"))

@@ -20,7 +20,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Me
 
 
 def polygon(sides: int, radius: float, flat: float = 1.0) -> Points:
-    """Return a regular (n, 2) polygon with a corner on the first axis, anticlockwise, stretched by `flat` along the second."""
+    """Return a regular (n, 2) polygon, anticlockwise, a corner on the first axis, stretched along the second."""
     turn = np.arange(sides) * (2 * math.pi / sides)
     return radius * np.column_stack([np.cos(turn), flat * np.sin(turn)])
 
@@ -96,3 +96,11 @@ def bulge(centre: Vector, radius: float, height: float, sides: int = 32, rings: 
     cap = revolve(profile, polygon(sides, 1.0))
     vertices = cap.vertices[:, [2, 0, 1]] * [math.copysign(1.0, height), 1.0, 1.0]
     return Mesh(vertices + np.array(centre), cap.faces if height > 0 else cap.faces[:, ::-1])
+
+
+def about_z(mesh: Mesh, front: tuple[float, float]) -> Mesh:
+    """Return a mesh turned about z so that the level unit direction `front` points to +x."""
+    x, y = front
+    if (x, y) == (1.0, 0.0):
+        return mesh
+    return Mesh(mesh.vertices @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]]), mesh.faces)
