@@ -80,7 +80,7 @@ def turned(mesh: Mesh, axis: int, angle: float, about: tuple[float, float, float
 
 
 def leaning(outline: Points, low: Vector, high: Vector, shrink: float = 1.0) -> Mesh:
-    """Carry a convex (n, 2) xy outline about `low` in a straight line to `high`, level at both ends, scaled by `shrink`."""
+    """Carry a convex (n, 2) xy outline straight from `low` to `high`; the level far end is scaled by `shrink`."""
     mesh = prism(outline, 2, low[2], high[2], shrink)
     n = len(outline)
     far = np.concatenate([np.zeros(n, dtype=bool), np.ones(n, dtype=bool), [False, True]])
