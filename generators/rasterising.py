@@ -16,7 +16,7 @@ Indices = NDArray[np.int64]
 NOTHING = -1
 """Value of the face buffer where there is no surface."""
 
-AMBIENT = 0.50
+AMBIENT = 0.55
 KEY = np.array([-0.55, -0.45, 0.70]), 0.52
 FILL = np.array([0.80, 0.10, 0.59]), 0.20
 """Directions toward the two lights, in the picture's axes, and their strengths."""
@@ -130,9 +130,7 @@ def shade(depth: Floats, face: Indices, normals: Floats, offsets: Indices, colou
 
 
 @kernel
-def blocked(
-    depth: Floats, face: Indices, normals: Floats, row: int, column: int, offsets: Indices, turn: int
-) -> float:
+def blocked(depth: Floats, face: Indices, normals: Floats, row: int, column: int, offsets: Indices, turn: int) -> float:
     """Return the share of the light from all sides that nearby surfaces hold off a pixel.
 
     Screen-space ambient occlusion (Mittring, "Finding next gen: CryEngine 2", 2007), measured as the

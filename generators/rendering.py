@@ -40,7 +40,7 @@ VIEWS: dict[str, Vector] = {
 """Directions toward the viewer."""
 
 BACKGROUND = (250, 250, 248)
-SECTION = (203, 98, 74)
+SECTION = (214, 116, 88)
 LINE = (38, 42, 50)
 MATERIAL = {"object": (222, 208, 184), "environment": (198, 210, 222), "mug": (204, 216, 196)}
 """Colour of a surface, by role."""
