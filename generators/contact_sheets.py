@@ -183,8 +183,8 @@ def _step(size: int) -> int:
 def _shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
     if font.getlength(text) <= width:
         return text
-    # A name's end tells more than its middle.
-    for kept in range(len(text) - 1, 0, -1):
+    # A name's end tells more than its middle. No letter is narrower than a pixel.
+    for kept in range(min(len(text) - 1, width), 0, -1):
         short = f"{text[: kept - kept // 3]}…{text[len(text) - kept // 3 :]}"
         if font.getlength(short) <= width:
             return short
