@@ -180,7 +180,7 @@ def _offsets(pixels: int) -> NDArray[np.int64]:
     reach = np.array([0.03, 0.09]) * pixels
     x, y = (f(turn)[..., None] * reach for f in (np.cos, np.sin))
     # Rounding to whole pixels also hides the last bits of cos and sin.
-    return np.rint(np.stack([x, y], axis=-1)).astype(np.int64).reshape(sets, 8, 2)
+    return np.asarray(np.rint(np.stack([x, y], axis=-1)).reshape(sets, 8, 2), dtype=np.int64)
 
 
 def outlines(measures: Measures) -> Iterable[tuple[Points, tuple[int, int, int]]]:
