@@ -302,15 +302,14 @@ def test_obj_keeps_every_bit(tmp_path):
 
 
 def test_glb_is_y_up(tmp_path):
-    """A GLB holds (x, z, -y), as its specification asks for, to float precision."""
+    """A GLB holds (y, z, x), up and front as its specification asks for, to float precision."""
     import trimesh
 
     mesh = make_shape("object", "mug", 3).mesh
     (tmp_path / "a.glb").write_bytes(as_glb(mesh))
     scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
     (inside,) = scene.geometry.values()
-    x, y, z = mesh.vertices.T
-    assert np.allclose(inside.vertices, np.stack([x, z, -y], axis=1), atol=1e-7)
+    assert np.allclose(inside.vertices, mesh.vertices[:, [1, 2, 0]], atol=1e-7)
     assert np.array_equal(inside.faces, mesh.faces)
     assert as_glb(mesh) == as_glb(mesh)
 
