@@ -16,7 +16,7 @@ from eigenbench.generators import rasterising
 from eigenbench.generators.catalogue import COUNTS, make_shape
 from eigenbench.generators.contact_sheets import draw, sheet, write_png
 from eigenbench.generators.exporting import FORMAT, MEASURES, as_obj, export
-from eigenbench.generators.meshes import as_glb, load_shapes, read_mesh
+from eigenbench.generators.meshes import as_glb, read_mesh
 from eigenbench.generators.rendering import (
     BACKGROUND,
     FACTOR,
@@ -322,9 +322,9 @@ def test_export_is_a_source(tmp_path):
     table = json.loads((tmp_path / "out" / MEASURES).read_text())
     assert (table["format"], table["units"], table["source"]) == (FORMAT, "metres", "default")
     for split, category in (("train", "mug"), ("test", "jar")):
-        found, refused = load_shapes(tmp_path / "out" / split, "object", split)
-        assert not refused
-        for shape, index in zip(found, (0, 3), strict=True):
+        found = open_source(f"meshes={tmp_path / 'out' / split}")
+        assert not found.refused
+        for shape, index in zip(found.shapes["object", category], (0, 3), strict=True):
             made = make_shape("object", category, index)
             assert (shape.category, shape.name) == (category, f"{made.name}.obj")
             assert np.array_equal(shape.mesh.vertices, made.mesh.vertices)
