@@ -333,7 +333,8 @@ def show_shapes(
     path = out or Path(f"{category or 'shapes'}.png")
     check_png(path)
     shelf = open_source(source)
-    chosen = select(shelf, role, category, split, index or (), count or (8 if category is None else 40))
+    some = (8 if category is None else 40) if count is None else count
+    chosen = select(shelf, role, category, split, index or (), some)
     with _progress(quiet=False) as progress:
         picture = draw(chosen, measures, cutaway, progress)
     write_png(picture, path)

@@ -143,7 +143,9 @@ def _in_place(scene: trimesh.Scene) -> tuple[Points, Faces]:
 
 
 def as_glb(mesh: Mesh) -> bytes:
-    """Return a mesh as binary glTF. That is y-up by specification: the file holds (x, z, -y), as float32."""
-    x, y, z = mesh.vertices.T
-    turned = trimesh.Trimesh(np.stack([x, z, -y], axis=1), mesh.faces, process=False)
+    """Return a mesh as binary glTF, as float32.
+
+    The specification (glTF 2.0, section 3.4) puts y up and the front toward +z: the file holds (y, z, x).
+    """
+    turned = trimesh.Trimesh(mesh.vertices[:, [1, 2, 0]], mesh.faces, process=False)
     return bytes(turned.export(file_type="glb"))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from eigenbench.errors import ShapeError, UsageError, choose
 from eigenbench.generators.catalogue import COUNTS, indices, make_shape
-from eigenbench.generators.library import parse_source
 from eigenbench.generators.shapes import ROLES, Shape
 from eigenbench.tasks import SPLITS
 
@@ -80,8 +79,7 @@ def open_source(source: str) -> Shelf:
 
     UsageError for an unknown source, ShapeError where it holds no usable shape.
     """
-    kind, _ = parse_source(source)
-    if kind == "default":
+    if source == "default":
         keys = [(r, c) for r in ROLES for c in sorted({*COUNTS[r]["train"], *COUNTS[r]["test"]})]
         return Shelf({(r, c): {s: len(indices(r, s, c)) for s in SPLITS} for r, c in keys}, {}, {})
     counts: dict[tuple[str, str], dict[str, int]] = {}
@@ -107,12 +105,15 @@ def open_source(source: str) -> Shelf:
 
 def _load(source: str, role: str, split: str) -> tuple[list[Shape], dict[str, str]]:
     """Read the shapes of one role and split of an external source."""
+    # Loaded here, so that listing the built-in shapes needs neither numba nor trimesh.
+    from eigenbench.generators.library import parse_source
     from eigenbench.generators.meshes import load_shapes
 
+    _, folder = parse_source(source)
     if role != "object":  # folders of meshes hold objects only, so far
         msg = f"{source} holds no shapes of role {role}."
         raise ShapeError(msg)
-    return load_shapes(parse_source(source)[1], role, split)
+    return load_shapes(folder, role, split)
 
 
 def select(
