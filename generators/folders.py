@@ -39,7 +39,7 @@ class UpAxes:
     rest: str
 
     def of(self, place: str) -> tuple[str, bool]:
-        """Return the up axis of the file at `place`, a path below DIR with forward slashes, and whether it is stated."""
+        """Return the up axis of the file at `place`, its path below DIR with forward slashes, and if it is stated."""
         told = [axis for pattern, axis in self.patterns.items() if fnmatchcase(place, pattern)]
         axis = (told or [UP_OF_SUFFIX.get(Path(place).suffix.lower(), self.rest)])[0]
         return axis or "z", bool(axis)

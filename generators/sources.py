@@ -112,7 +112,8 @@ def split_rule(source: str, role: str) -> str:
     if role == "environment":
         return f"Environments, of every category: {seeded}."
     listed = "; ".join(f"{split}: {', '.join(names)}" for split, names in CATEGORIES["object"].items())
-    return f"Objects by category, as in the paper ({listed}); of other categories {seeded}."
+    others = f" Of other categories {seeded}." if parsed.kind == "meshes" else ""
+    return f"Objects by category, as in the paper ({listed}).{others}"
 
 
 def stand(mesh: Mesh) -> Mesh:
