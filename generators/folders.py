@@ -17,7 +17,7 @@ from pathlib import Path
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators.catalogue import ENVIRONMENTS
-from eigenbench.generators.listing import Entry, Listing, contents, no_notes, subfolders
+from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, no_notes, subfolders
 from eigenbench.generators.meshes import SUFFIXES, read_mesh
 from eigenbench.generators.solids import Mesh
 
@@ -105,14 +105,12 @@ def read_up_axes(folder: Path, option: str, places: list[str]) -> UpAxes:
     The file holds one object, `{"mug/kenney_*.obj": "y", ...}`. ShapeError if it is malformed, or a pattern matches no
     file: a mistyped one would leave shapes lying on their side.
     """
-    if option in COLUMNS:
-        rest, file = option, folder / UP_FILE
-    else:
-        rest, file = "", Path(option).expanduser() if option else folder / UP_FILE
-    if not file.is_file():
-        if option in ("", *COLUMNS):
+    named = option not in ("", *COLUMNS)
+    rest, file = "" if named else option, expand(option) if named else folder / UP_FILE
+    if not is_file(file):
+        if not named:
             return UpAxes({}, rest)
-        msg = f"Up axis '{option}' is neither x, y or z nor a JSON file of patterns that exists."
+        msg = f"Up axis '{option[:200]}' is neither x, y or z nor a JSON file of patterns that exists."
         raise ShapeError(msg)
     try:
         patterns = json.loads(file.read_text(encoding="utf-8"))

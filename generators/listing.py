@@ -95,11 +95,26 @@ def subfolders(folder: Path) -> list[Path]:
 
 def contents(folder: Path) -> list[Path]:
     """Return what lies in a folder, by name; ShapeError where it does not exist or cannot be read."""
-    if not folder.is_dir():
-        msg = f"Shape folder {folder} {'is not a folder' if folder.exists() else 'does not exist'}."
-        raise ShapeError(msg)
     try:
         return sorted(folder.iterdir())
-    except OSError as error:
-        msg = f"Shape folder {folder} cannot be read: {error.strerror}."
+    except (OSError, ValueError) as error:
+        known = {"FileNotFoundError": "does not exist", "NotADirectoryError": "is not a folder"}
+        reason = known.get(type(error).__name__) or f"cannot be read: {error}"[:80]
+        msg = f"Folder {str(folder)[:300]!r} {reason}."
         raise ShapeError(msg) from error
+
+
+def is_file(path: Path) -> bool:
+    """Say whether a file is there; a name that no file can have is not."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def expand(folder: str) -> Path:
+    """Return the path of a folder as a user writes it, `~` included."""
+    try:
+        return Path(folder).expanduser()
+    except RuntimeError:
+        return Path(folder)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eigenbench.errors import ShapeError
-from eigenbench.generators.listing import Entry, Listing, roles_of, subfolders
+from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, roles_of, subfolders
 from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.urdf import ClosedPose, Matrix, Part, read_closed_pose
@@ -70,7 +70,7 @@ def list_partnet(folder: Path, lists: str = "") -> Listing:
         return Listing(entries, refused)
     # The lists name boxes as objects only; as environments the paper uses the whole class.
     boxes = {("environment", e.category, e.name): "either" for e in entries if e.category == "box"}
-    return Listing(entries, refused, read_lists(Path(lists).expanduser()) | boxes)
+    return Listing(entries, refused, read_lists(expand(lists)) | boxes)
 
 
 def id_folders(folder: Path) -> list[Path]:
@@ -108,10 +108,9 @@ def read_notes(place: Path) -> str:
     """Return what had to be mended or assumed to read a shape; empty if nothing, or if it cannot be read."""
     try:
         pose = _closed_pose(place)
-        turned = _upright(pose)[1]
+        notes = [*pose.notes, _upright(pose)[1], *(_found(place, part)[1] for part in pose.parts)]
     except ShapeError:
         return ""
-    notes = [*pose.notes, turned, *(_found(place, part)[1] for part in pose.parts)]
     if _urdf(place) != place / URDF_FILES[0]:
         notes.insert(0, f"{URDF_FILES[0]} is missing; {URDF_FILES[1]} was used")
     return "; ".join(note for note in notes if note)
@@ -125,14 +124,12 @@ def read_lists(folder: Path) -> dict[tuple[str, str, str], str]:
     train and test shapes of a train category are its splits; of a test category (microwave, safe) the paper made a
     split of its own that is not published, so a seed decides. ShapeError where no list is there or one is malformed.
     """
-    if not folder.is_dir():
-        msg = f"Folder of lists {folder} {'is not a folder' if folder.exists() else 'does not exist'}."
-        raise ShapeError(msg)
+    there = {path.name for path in contents(folder)}
     lists: dict[tuple[str, str, str], str] = {}
     for model_cat, category in CATEGORY_OF_MODEL_CAT.items():
         for side, split in LIST_SIDES.items():
-            file = folder / f"{model_cat}-{side}.txt"
-            for name in _ids(file) if file.is_file() else ():
+            file = f"{model_cat}-{side}.txt"
+            for name in _ids(folder / file) if file in there else ():
                 for role in (r for r in roles_of(category) if r != "mug" and (r, category) != ("environment", "box")):
                     lists[role, category, name] = _listed_split(role, side, split)
     if not lists:
@@ -174,7 +171,7 @@ def _category(place: Path) -> str:
         named = meta.get("model_cat") if isinstance(meta, dict) else None
         reason = "meta.json has no model_cat"
     except FileNotFoundError:
-        named, reason = None, "has no meta.json"
+        named, reason = None, "has no meta.json" if _urdf(place) else "has neither mobility.urdf nor meta.json"
     except (OSError, ValueError) as error:
         named, reason = None, f"meta.json cannot be read: {error}"
     if isinstance(named, str) and named:
@@ -212,12 +209,12 @@ def _upright(pose: ClosedPose) -> tuple[Matrix, str]:
 def _found(place: Path, part: Part) -> tuple[Path, str]:
     """Return the file of a part, and a note if it is the V-HACD variant."""
     file = place / part.file
-    if file.is_file():
+    if is_file(file):
         return file, ""
     variant = file.with_name(f"{file.stem}_vhacd.obj")
-    if variant.is_file():
+    if is_file(variant):
         return variant, f"{part.file} is missing; its V-HACD pieces were used"
-    msg = f"{part.file} is missing"
+    msg = f"{part.file[:100]} is missing"
     raise ShapeError(msg)
 
 
@@ -229,6 +226,7 @@ def _read_part(place: Path, part: Part) -> Mesh:
         msg = f"{part.file} {error}"
         raise ShapeError(msg) from error
     turned = part.root_from_mesh[:3, :3]
-    mirrored = np.linalg.det(turned) < 0
-    moved = mesh.vertices @ turned.T + part.root_from_mesh[:3, 3]
+    mirrored = np.linalg.slogdet(turned).sign < 0
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = mesh.vertices @ turned.T + part.root_from_mesh[:3, 3]
     return Mesh(moved, mesh.faces[:, ::-1] if mirrored else mesh.faces)

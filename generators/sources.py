@@ -14,7 +14,7 @@ import numpy as np
 
 from eigenbench.errors import ShapeError, UsageError, choose
 from eigenbench.generators.catalogue import CATEGORIES, make_shapes
-from eigenbench.generators.listing import TEST_SHARES, Entry, Listing, contents
+from eigenbench.generators.listing import TEST_SHARES, Entry, Listing, contents, expand
 from eigenbench.generators.shapes import ROLES, Shape
 from eigenbench.generators.solids import Mesh
 
@@ -49,7 +49,7 @@ def parse_source(source: str) -> Source:
             )
             raise UsageError(msg)
         options[name] = value
-    return Source(kind, Path(folder).expanduser(), options)
+    return Source(kind, expand(folder) if folder else Path(), options)
 
 
 def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[str, str]]:

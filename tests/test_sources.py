@@ -314,6 +314,7 @@ def test_bad_lists(tmp_path):
     """A folder without lists, or with something else in them, is an error that says so."""
     write_static(tmp_path / "1")
     assert "does not exist" in refusal(f"partnet={tmp_path},lists={tmp_path / 'no'}")
+    assert "cannot be read" in refusal(f"partnet={tmp_path},lists=/{'x' * 5000}")
     assert "holds no id lists" in refusal(f"partnet={tmp_path},lists={tmp_path}")
     (tmp_path / "Mug-train_cat_train_shape.txt").write_text("1 mug\n")
     assert "holds 'mug'" in refusal(f"partnet={tmp_path},lists={tmp_path}")
@@ -539,6 +540,7 @@ def test_built_in_source():
         ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2], [0, 2, 1]], "zero area"),
         ([[1, 1, 1]] * 4, [[0, 1, 2], [1, 2, 3]], "zero area"),
         ([[0, 0, -1e308], [1, 0, 1e308], [0, 1, 1e308]], [[0, 1, 2], [0, 2, 1]], "too far apart"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, float("inf")], [0, 0, 1]], [[0, 1, 2], [1, 2, 3]], "not finite"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, float("nan")], [0, 0, 1]], [[0, 1, 2], [1, 2, 3]], "not finite"),
     ],
 )
@@ -573,11 +575,38 @@ def test_scenes(tmp_path):
     scene.export(tmp_path / "two.glb")
     mesh = read_upright(tmp_path / "two.glb", "y")
     assert np.allclose(np.ptp(mesh.vertices, axis=0), [1, 2, 13])
+    (tmp_path / "packed.gltf").write_text('{"extensionsRequired": ["KHR_draco_mesh_compression"]}')
+    with pytest.raises(ShapeError, match="without compression"):
+        read_mesh(tmp_path / "packed.gltf")
     text = json.dumps({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"name": "empty"}]})
     for name in ("empty.gltf", "image.gltf"):
         (tmp_path / name).write_text(text if name == "empty.gltf" else text[:-1] + ', "images": [{"uri": "no.png"}]}')
         with pytest.raises(ShapeError, match="no faces|cannot be read"):
             read_mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["no/where", "x" * 5000, "nul\0", "~nobody-here/x"])
+@pytest.mark.parametrize("kind", ["meshes", "partnet", "shapenet"])
+def test_folders_that_cannot_be(kind, name):
+    """A folder that is missing, or can never be one, is an error in one line."""
+    assert "does not exist" in (message := refusal(f"{kind}={name}")) or "cannot be read" in message
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_damaged_urdf_never_crashes(tmp_path, seed):
+    """Whatever bytes a URDF file holds, its shape is used, or refused in one line; the one beside it is used."""
+    rng = np.random.default_rng(seed)
+    write_static(tmp_path / "8")
+    file = write_articulated(tmp_path / "7") / "mobility.urdf"
+    whole = np.frombuffer(file.read_bytes(), dtype=np.uint8)
+    for _ in range(8):
+        text, places = whole.copy(), rng.integers(len(whole), size=rng.integers(1, 4))
+        text[places] = rng.choice(np.frombuffer(b'09.-e"<>/ xz\xff', dtype=np.uint8), size=len(places))
+        file.write_bytes(text.tobytes())
+        shapes, refused = load_shapes(f"partnet={tmp_path}", "object", "train")
+        assert [s.name for s in shapes] == (["8"] if refused else ["7", "8"])
+        assert not any("\n" in reason for reason in refused.values())
+        assert set(load_notes(f"partnet={tmp_path}", "object", "train")) <= {"mug/7"}
 
 
 @pytest.fixture(scope="session")
