@@ -31,6 +31,10 @@ app.add_typer(shapes_app, name="shapes")
 
 _INTERRUPTED = 130
 
+_SHAPES = (
+    "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
+    "shapenet=DIR (ShapeNetCore)."
+)
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
@@ -123,7 +127,7 @@ def generate(
     workers: Workers = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
-    shapes: Annotated[str, typer.Option(help="default, or meshes=DIR.")] = "default",
+    shapes: Annotated[str, typer.Option(help=_SHAPES)] = "default",
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
