@@ -53,7 +53,7 @@ class Listing:
     ----------
     entries : in any order
     refused : reason by id, for ids whose category is not even known
-    lists : the list of each (role, category, name) that a published list names: "train", "test", "either" (the seed
+    lists : what the published lists say of each (role, category, name): "train", "test", "either" (the seed
         decides) or "" (left out); None where no lists were passed
     """
 
@@ -93,14 +93,14 @@ def subfolders(folder: Path) -> list[Path]:
     return [p for p in contents(folder) if p.is_dir() and not p.name.startswith(".")]
 
 
-def contents(folder: Path) -> list[Path]:
+def contents(folder: Path, what: str = "Shape folder") -> list[Path]:
     """Return what lies in a folder, by name; ShapeError where it does not exist or cannot be read."""
     try:
         return sorted(folder.iterdir())
     except (OSError, ValueError) as error:
         known = {"FileNotFoundError": "does not exist", "NotADirectoryError": "is not a folder"}
         reason = known.get(type(error).__name__) or f"cannot be read: {error}"[:80]
-        msg = f"Folder {str(folder)[:300]!r} {reason}."
+        msg = f"{what} {str(folder)[:300]} {reason}.".replace("\0", "")
         raise ShapeError(msg) from error
 
 

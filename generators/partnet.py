@@ -124,7 +124,7 @@ def read_lists(folder: Path) -> dict[tuple[str, str, str], str]:
     train and test shapes of a train category are its splits; of a test category (microwave, safe) the paper made a
     split of its own that is not published, so a seed decides. ShapeError where no list is there or one is malformed.
     """
-    there = {path.name for path in contents(folder)}
+    there = {path.name for path in contents(folder, "Folder of lists")}
     lists: dict[tuple[str, str, str], str] = {}
     for model_cat, category in CATEGORY_OF_MODEL_CAT.items():
         for side, split in LIST_SIDES.items():

@@ -1,7 +1,7 @@
 """Where shapes come from: the built-in library, or a folder of shapes that the user holds.
 
 A source is written `default` or `<kind>=DIR`, options after commas: `meshes=DIR,up=y`, `partnet=DIR,lists=STATS`.
-What each folder looks like: docs/sources-section.md, and the module of each kind.
+What each folder looks like: DATA.md, "Your own shapes", and the module of each kind.
 """
 
 import re
