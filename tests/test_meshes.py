@@ -13,6 +13,7 @@ from eigenbench.generators.library import load_library, normalise
 from eigenbench.generators.listing import split_of
 from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.shapes import Shape
+from eigenbench.generators.solids import volume
 from eigenbench.generators.sources import load_shapes
 
 
@@ -52,6 +53,14 @@ def test_scene_nodes_are_in_place(tmp_path):
     scene.export(tmp_path / "two.glb")
     mesh = read_mesh(tmp_path / "two.glb")
     assert np.allclose(np.sort(np.ptp(mesh.vertices, axis=0)), [1, 1, 5])
+
+
+def test_mirrored_nodes_stay_outward(tmp_path):
+    """A node that mirrors its mesh, as models of furniture do with doors, has its faces turned back outward."""
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((1, 2, 3)), transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    scene.export(tmp_path / "mirrored.glb")
+    assert volume(read_mesh(tmp_path / "mirrored.glb")) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize(
