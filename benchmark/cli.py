@@ -24,8 +24,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+shapes_app = typer.Typer(
+    help="The shapes that data are made from: list them, look at them, take them along.", rich_markup_mode=None
+)
+app.add_typer(shapes_app, name="shapes")
+
 _INTERRUPTED = 130
 
+_SHAPES = (
+    "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
+    "shapenet=DIR (ShapeNetCore)."
+)
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
@@ -34,6 +43,9 @@ Memory = Annotated[float, typer.Option(help="Memory of the model's process, GiB.
 Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
 Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
 Isolation = Annotated[str, typer.Option(help="auto, none, rlimits or landlock.")]
+Source = Annotated[str, typer.Option("--shapes", help="default, or meshes=DIR.")]
+Role = Annotated[str | None, typer.Option(help="object, environment or mug; default: all.")]
+Split = Annotated[str | None, typer.Option(help="train or test; default: both.")]
 
 
 def main() -> None:
@@ -115,7 +127,7 @@ def generate(
     workers: Workers = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
-    shapes: Annotated[str, typer.Option(help="default, or meshes=DIR.")] = "default",
+    shapes: Annotated[str, typer.Option(help=_SHAPES)] = "default",
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
@@ -145,8 +157,7 @@ def generate(
             f"{m.audit.relabelled} labels and {m.audit.confirmed} witnesses checked by FCL, "
             f"{m.audit.mismatches} mismatches, digest {m.digest[:16]}"
         )
-        for name, reason in m.shapes_refused.items():
-            print(f"  not used: {name}: {reason}")
+        _print_refused(m.shapes_refused)
 
 
 def _summary(folder: Path, manifest: Any) -> dict[str, Any]:
@@ -289,3 +300,82 @@ def check(
     else:
         print_findings(findings)
     require_all(findings)
+
+
+@shapes_app.command("list")
+def list_shapes(source: Source = "default", as_json: Json = False) -> None:
+    """Count the shapes of each role, category and split."""
+    from eigenbench.generators.selection import open_source
+
+    shelf = open_source(source)
+    if as_json:
+        print(json.dumps(shelf.rows()))
+        return
+    from eigenbench.tables import print_shapes
+
+    print_shapes(shelf.rows(), shelf.refused)
+
+
+@shapes_app.command("show")
+def show_shapes(
+    category: Annotated[str | None, typer.Argument(help="One category; default: some shapes of every one.")] = None,
+    role: Role = None,
+    split: Split = None,
+    index: Annotated[list[int] | None, typer.Option(help="Shape of the category; may be repeated.")] = None,
+    count: Annotated[
+        int | None, typer.Option(help="Shapes a category, spread evenly; default 8, or 40 of one.")
+    ] = None,
+    source: Source = "default",
+    measures: Annotated[bool, typer.Option("--measures", help="Draw cavities, tops and handle gaps.")] = False,
+    cutaway: Annotated[bool, typer.Option("--cutaway", help="Cut the shapes open.")] = False,
+    out: Annotated[Path | None, typer.Option(help="The picture; default <category>.png or shapes.png.")] = None,
+) -> None:
+    """Draw a contact sheet, or one shape large in four views, as PNG."""
+    from eigenbench.generators.contact_sheets import check_png, draw, write_png
+    from eigenbench.generators.selection import open_source, select
+
+    path = out or Path(f"{category or 'shapes'}.png")
+    check_png(path)
+    shelf = open_source(source)
+    some = (8 if category is None else 40) if count is None else count
+    chosen = select(shelf, role, category, split, index or (), some)
+    with _progress(quiet=False) as progress:
+        picture = draw(chosen, measures, cutaway, progress)
+    write_png(picture, path)
+    drawn = sum(len(s.indices) for s in chosen)
+    print(f"{path}: {picture.shape[1]} x {picture.shape[0]} pixels, {drawn} shapes of {len(chosen)} categories")
+    _print_refused(shelf.refused)
+
+
+@shapes_app.command("export")
+def export_shapes(
+    out: Annotated[Path, typer.Argument(help="Folder that receives <split>/<role>/<category>/ and measures.json.")],
+    role: Role = None,
+    category: Annotated[str | None, typer.Option(help="One category; default: all.")] = None,
+    split: Split = None,
+    kind: Annotated[str, typer.Option("--format", help="obj or glb.")] = "obj",
+    source: Source = "default",
+    as_json: Json = False,
+) -> None:
+    """Write shapes as mesh files with a table of their measures."""
+    import time
+
+    from eigenbench.generators.exporting import export
+    from eigenbench.generators.selection import open_source, select
+
+    start = time.perf_counter()
+    shelf = open_source(source)
+    chosen = select(shelf, role, category, split)
+    with _progress(as_json) as progress:
+        count = export(chosen, out, kind, {"source": source, "refused": shelf.refused}, progress)
+    seconds = time.perf_counter() - start
+    if as_json:
+        print(json.dumps({"folder": str(out), "shapes": count, "seconds": seconds, "refused": shelf.refused}))
+        return
+    print(f"{out}: {count:,} shapes of {len(chosen)} categories, {seconds:.1f} s")
+    _print_refused(shelf.refused)
+
+
+def _print_refused(refused: dict[str, str]) -> None:
+    for name, reason in refused.items():
+        print(f"  not used: {name}: {reason}")

@@ -1,6 +1,6 @@
 """Results and descriptions as text for a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich import box
@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eigenbench.checking import Finding
+from eigenbench.tasks import SPLITS
 
 _console = Console(highlight=False, soft_wrap=True, markup=False)
 
@@ -152,6 +153,26 @@ def print_description(d: dict[str, Any]) -> None:
 
 def _three(values: Sequence[float]) -> str:
     return " ".join(f"{v:.3f}" for v in values)
+
+
+def print_shapes(rows: Sequence[dict[str, Any]], refused: dict[str, str]) -> None:
+    """Print how many shapes there are of each role and category, by split, with sums."""
+    table = _table("Shapes", "role", "category", "train", "test")
+    for role in dict.fromkeys(r["role"] for r in rows):
+        of_role = [r for r in rows if r["role"] == role]
+        for category in dict.fromkeys(r["category"] for r in of_role):
+            table.add_row(role, category, *_by_split(r for r in of_role if r["category"] == category))
+        table.add_row(role, "all", *_by_split(of_role), end_section=True)
+    _console.print(table)
+    for name, reason in refused.items():
+        _console.print(f"not used: {name}: {reason}")
+
+
+def _by_split(rows: Iterable[dict[str, Any]]) -> list[str]:
+    counts = dict.fromkeys(SPLITS, 0)
+    for row in rows:
+        counts[row["split"]] += row["count"]
+    return [f"{n:,}" for n in counts.values()]
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

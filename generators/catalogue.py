@@ -8,7 +8,23 @@ from numpy.random import Generator
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
-from eigenbench.generators import baskets, bins, cartons, cookware, dispensers, jars, mugs, tableware
+from eigenbench.generators import (
+    baskets,
+    bins,
+    cartons,
+    cookware,
+    crates,
+    dispensers,
+    jars,
+    microwaves,
+    mugs,
+    refrigerators,
+    storage,
+    strongboxes,
+    tables,
+    tableware,
+    washers,
+)
 from eigenbench.generators.shapes import ROLES, Shape
 
 COUNTS: dict[str, dict[str, dict[str, int]]] = {
@@ -25,10 +41,40 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
         },
         "test": {"bucket": 33, "dispenser": 9, "jar": 528, "kettle": 26},
     },
-    "environment": {"train": {}, "test": {}},
+    "environment": {
+        "train": {
+            "box": 21,
+            "microwave": 9,
+            "refrigerator": 34,
+            "safe": 21,
+            "storage_furniture": 272,
+            "table": 70,
+            "washing_machine": 13,
+        },
+        "test": {
+            "box": 7,
+            "microwave": 3,
+            "refrigerator": 9,
+            "safe": 7,
+            "storage_furniture": 73,
+            "table": 25,
+            "washing_machine": 3,
+        },
+    },
     "mug": {"train": {"mug": 160}, "test": {"mug": 40}},
 }
 """Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
+
+ENVIRONMENTS = ("box", "microwave", "refrigerator", "safe", "storage_furniture", "table", "washing_machine")
+CATEGORIES: dict[str, dict[str, tuple[str, ...]]] = {
+    "object": {
+        "train": ("basket", "bottle", "bowl", "box", "can", "mug", "pot", "trash_can"),
+        "test": ("bucket", "dispenser", "jar", "kettle"),
+    },
+    "environment": {"train": ENVIRONMENTS, "test": ENVIRONMENTS},
+    "mug": {"train": ("mug",), "test": ("mug",)},
+}
+"""Categories per role and split, as in the paper; `box` is an object and an environment."""
 
 MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
     "object": {
@@ -45,7 +91,15 @@ MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
         "pot": cookware.make_pot,
         "trash_can": bins.make_trash_can,
     },
-    "environment": {},
+    "environment": {
+        "box": crates.make_box,
+        "microwave": microwaves.make_microwave,
+        "refrigerator": refrigerators.make_refrigerator,
+        "safe": strongboxes.make_safe,
+        "storage_furniture": storage.make_storage_furniture,
+        "table": tables.make_table,
+        "washing_machine": washers.make_washing_machine,
+    },
     "mug": {"mug": mugs.make_mug},
 }
 """The maker of each category, by role."""

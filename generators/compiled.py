@@ -18,14 +18,15 @@ from eigenbench.cache import cache_folder
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def _sources_digest() -> str:
+def sources_digest() -> str:
+    """Return a digest of this folder's sources and of numba's version."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
-_FOLDER = cache_folder() / "kernels" / _sources_digest()
+_FOLDER = cache_folder() / "kernels" / sources_digest()
 
 
 def kernel(function: F) -> F:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from eigenbench.errors import DataError, GenerationError, UsageError, choose
 from eigenbench.generators import relabelling, tube
-from eigenbench.generators.library import Library, load_library, open_library, parse_source
+from eigenbench.generators.library import Library, load_library, open_library
 from eigenbench.generators.philox import key_of
+from eigenbench.generators.sources import parse_source
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
 from eigenbench.records import Arrays, Audit, Recipe
@@ -101,7 +102,7 @@ def generate(
     names = SPLITS if split == "all" else (split,)
     find_task(task)
     choose("split", split, (*SPLITS, "all"))
-    kind, _ = parse_source(shapes)
+    kind = parse_source(shapes).kind
     plans = []
     for name in names:
         size = FULL_SIZE[name] if pairs is None else pairs

@@ -1,4 +1,4 @@
-"""The shapes of one split, normalised and packed for the kernels; built once, cached on disk."""
+"""The shapes of one role and split, normalised and packed for the kernels; built once, cached on disk."""
 
 import contextlib
 import hashlib
@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.cache import cache_folder
-from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
-from eigenbench.generators.catalogue import make_shapes
+from eigenbench.errors import DataError, GenerationError, ShapeError
+from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
-from eigenbench.generators.shapes import Shape
+from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
+from eigenbench.generators.sources import load_shapes, parse_source
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -31,21 +32,25 @@ _NAME_BYTES, _CATEGORY_BYTES = 96, 32
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """The shapes of one split.
+    """The shapes of one role and split, each centred in its smallest enclosing ball, of diameter 1.
 
     Attributes
     ----------
     surface : the packed shapes, ordered by category
     names : (K,) bytes, `category/name`
     categories : (K,) bytes
+    diameters : (K,) diameter of each enclosing ball before scaling, in the source's unit
+    measures : of each shape, in the packed frame
     refused : reason by shape name
-    digest : sha256 of names, categories and arrays
+    digest : sha256 of names, categories, measures and arrays
     path : the file that holds all this, for workers
     """
 
     surface: Surface
     names: NDArray[np.bytes_]
     categories: NDArray[np.bytes_]
+    diameters: NDArray[np.float64]
+    measures: tuple[Measures, ...]
     refused: dict[str, str]
     digest: str
     path: Path
@@ -62,57 +67,24 @@ class Library:
 
 
 def load_library(source: str, split: str, role: str = "object") -> Library:
-    """Build or fetch the shapes of a split and role from `default` or `meshes=DIR`.
+    """Build or fetch the shapes of a split and role from a source, see `sources.parse_source`.
 
     UsageError for another source, ShapeError where no usable shape is left.
     """
-    kind, folder = parse_source(source)
-    if kind == "meshes":
-        from eigenbench.generators.meshes import load_shapes
-
-        return _pack(*load_shapes(folder, role, split))
+    if parse_source(source).kind != "default":
+        return _pack(*load_shapes(source, role, split))
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    library = _pack(make_shapes(role, split), {})
+    library = _pack(*load_shapes(source, role, split))
     write_text_atomically(note, library.path.name)
     return library
 
 
-def parse_source(source: str) -> tuple[str, Path]:
-    """Split `default` or `meshes=DIR` into (kind, folder); UsageError for anything else."""
-    kind, _, folder = source.partition("=")
-    if kind == "default" and not folder:
-        return kind, Path()
-    if kind == "meshes" and folder:
-        return kind, Path(folder).expanduser()
-    msg = f"Shape source '{source}' is not known; use 'default' or 'meshes=DIR'."
-    raise UsageError(msg)
-
-
 def _default_key() -> str:
     """Return what the built-in shapes depend on: the sources that make them and their libraries."""
-    digest = hashlib.sha256()
-    for name in (
-        "baskets.py",
-        "bins.py",
-        "cartons.py",
-        "catalogue.py",
-        "cookware.py",
-        "curves.py",
-        "dispensers.py",
-        "jars.py",
-        "library.py",
-        "measures.py",
-        "mugs.py",
-        "shapes.py",
-        "solids.py",
-        "surface.py",
-        "tableware.py",
-        "vessels.py",
-    ):
-        digest.update((Path(__file__).parent / name).read_bytes())
+    digest = hashlib.sha256(sources_digest().encode())
     for package in ("numpy", "scipy", "manifold3d"):
         digest.update(version(package).encode())
     return digest.hexdigest()[:16]
@@ -120,12 +92,14 @@ def _default_key() -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Packed:
-    """One shape's rows of a `Surface`."""
+    """One shape's rows of a `Surface`, its measures, and the diameter of its enclosing ball before scaling."""
 
     triangles: NDArray[np.float64]
     keep: NDArray[np.uint64]
     other: NDArray[np.int64]
     hull: NDArray[np.float64]
+    measures: Measures
+    diameter: float
 
 
 def normalise(shape: Shape) -> _Packed:
@@ -139,7 +113,8 @@ def normalise(shape: Shape) -> _Packed:
     if not 0.0 < spread < np.inf or not np.isfinite(1.0 / spread):
         msg = f"has a size of {spread:g}: its vertices coincide, or are too far apart to compute with"
         raise ShapeError(msg)
-    vertices = (vertices - vertices.min(axis=0)) / spread
+    corner = vertices.min(axis=0)
+    vertices = (vertices - corner) / spread
     try:
         hull = ConvexHull(vertices)
     except QhullError as error:
@@ -150,13 +125,15 @@ def normalise(shape: Shape) -> _Packed:
         msg = "is flat: its convex hull has no volume"
         raise ShapeError(msg)
     unit = round_to((vertices - centre) / (2 * radius), VERTEX_BITS)
+    diameter = 2 * radius * spread
+    measures = moved(shape.measures, corner + centre * spread, 1 / diameter, lambda p: round_to(p, VERTEX_BITS))
     corners = unit[faces]
     triangles = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
     keep, other, area = alias_table(triangles)
     if area == 0.0:
         msg = "has zero area"
         raise ShapeError(msg)
-    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)])
+    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)], measures, diameter)
 
 
 def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
@@ -188,6 +165,8 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         surface,
         np.array([_short(f"{s.category}/{s.name}", _NAME_BYTES) for s in kept], dtype=f"S{_NAME_BYTES}"),
         categories,
+        np.array([p.diameter for p in packed]),
+        tuple(p.measures for p in packed),
         refused,
     )
 
@@ -213,10 +192,17 @@ def _digest(arrays: dict[str, NDArray[np.generic]]) -> str:
 
 
 def _store(
-    surface: Surface, names: NDArray[np.bytes_], categories: NDArray[np.bytes_], refused: dict[str, str]
+    surface: Surface,
+    names: NDArray[np.bytes_],
+    categories: NDArray[np.bytes_],
+    diameters: NDArray[np.float64],
+    measures: tuple[Measures, ...],
+    refused: dict[str, str],
 ) -> Library:
     """Write the packed shapes into the cache, under their digest, and return them."""
-    arrays = {**surface._asdict(), "names": names, "categories": categories}
+    text = json.dumps([measures_to_json(m) for m in measures]).encode()
+    arrays = {**surface._asdict(), "names": names, "categories": categories, "diameters": diameters}
+    arrays["measures"] = np.frombuffer(text, dtype=np.uint8)
     digest = _digest(arrays)
     path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -230,14 +216,14 @@ def _store(
         raise GenerationError(msg) from error
     finally:
         temporary.unlink(missing_ok=True)
-    return Library(surface, names, categories, refused, digest, path)
+    return Library(surface, names, categories, diameters, measures, refused, digest, path)
 
 
 def open_library(path: Path) -> Library:
     """Read packed shapes back; DataError if the file is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories")}
+            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories", "diameters", "measures")}
             refused = json.loads(str(stored["refused"]))
     except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
@@ -247,4 +233,5 @@ def open_library(path: Path) -> Library:
         msg = f"Shape cache {path} is damaged: its content has digest {digest[:32]}. Delete it and run again."
         raise DataError(msg)
     surface = Surface(**{k: arrays[k] for k in Surface._fields})
-    return Library(surface, arrays["names"], arrays["categories"], refused, digest, path)
+    measures = tuple(measures_from_json(m) for m in json.loads(arrays["measures"].tobytes()))
+    return Library(surface, arrays["names"], arrays["categories"], arrays["diameters"], measures, refused, digest, path)

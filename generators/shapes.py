@@ -3,7 +3,9 @@
 Rest frame: right-handed, z up, standing on z = 0, front toward +x, metres. An axis is 0, 1, 2 for x, y, z.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +87,44 @@ class Measures:
     cavities: tuple[Cavity, ...] = ()
     top: Top | None = None
     handle: HandleGap | None = None
+
+
+def moved(measures: Measures, centre: Points, scale: float, place: Callable[[Points], Points]) -> Measures:
+    """Return measures after p -> place((p - centre) * scale), as vertices are moved; `place` rounds to a grid."""
+
+    def point(p: Vector | Points) -> Vector:
+        x, y, z = place((np.asarray(p) - centre) * scale).tolist()
+        return x, y, z
+
+    cavities = tuple(
+        replace(c, low=point(c.low), high=point(c.high), radius=c.radius * scale) for c in measures.cavities
+    )
+    top, handle = measures.top, measures.handle
+    if top is not None:
+        outline = place((top.outline - centre[:2]) * scale)
+        top = Top(outline, float(place(np.array([(top.height - centre[2]) * scale]))[0]))
+    if handle is not None:
+        handle = replace(handle, centre=point(handle.centre), radius=handle.radius * scale)
+    return Measures(cavities, top, handle)
+
+
+def measures_to_json(measures: Measures) -> dict[str, Any]:
+    """Return measures as plain lists and numbers, which `measures_from_json` reads back exactly."""
+    body = asdict(measures)
+    if measures.top is not None:
+        body["top"]["outline"] = measures.top.outline.tolist()
+    return body
+
+
+def measures_from_json(body: dict[str, Any]) -> Measures:
+    """Return the measures that `measures_to_json` wrote."""
+    cavities = tuple(Cavity(**{**c, "low": tuple(c["low"]), "high": tuple(c["high"])}) for c in body["cavities"])
+    top, handle = body["top"], body["handle"]
+    return Measures(
+        cavities,
+        None if top is None else Top(np.array(top["outline"]), top["height"]),
+        None if handle is None else HandleGap(tuple(handle["centre"]), tuple(handle["axis"]), handle["radius"]),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,11 +140,13 @@ def minus(mesh: Mesh, *others: Mesh) -> Mesh:
     return carved([mesh], others)
 
 
-def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = ()) -> Mesh:
-    """Return the union of the parts without the union of the holes."""
+def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = (), fittings: Sequence[Mesh] = ()) -> Mesh:
+    """Return the union of the parts, without the holes, united with the fittings."""
     total = Manifold.batch_boolean([_to_manifold(part) for part in parts], OpType.Add)
     if holes:
-        total = Manifold.batch_boolean([total, *(_to_manifold(hole) for hole in holes)], OpType.Subtract)
+        total = Manifold.batch_boolean([total, *map(_to_manifold, holes)], OpType.Subtract)
+    if fittings:
+        total = Manifold.batch_boolean([total, *map(_to_manifold, fittings)], OpType.Add)
     return _from_manifold(total)
 
 
