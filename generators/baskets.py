@@ -95,7 +95,7 @@ def _loops(rng: Generator, woven: Weave) -> list[Mesh]:
     at = radius * _section_x(woven.section, wide / radius) - 0.004
     low = height - 0.8 * woven.band
     curve = np.concatenate(
-        [[[wide, low]], arc(wide, 0.0, math.pi, 17, rise / wide) + [0.0, height - 0.004], [[-wide, low]]]
+        [[[wide, low]], arc(wide, 0.0, math.pi, 17, rise / wide) + np.array([0.0, height - 0.004]), [[-wide, low]]]
     )
     loop = placed(loop_handle(curve, rng.uniform(0.004, 0.006)), (at, 0.0, 0.0), 2, math.pi / 2)
     return [loop, opposite(loop)]
@@ -115,7 +115,9 @@ def _bail(rng: Generator, woven: Weave, lift: float) -> Mesh:
     span = radius * float(top) - 0.006
     low = height - 0.7 * woven.band
     foot = np.interp(low, woven.outer[1:, 1], woven.outer[1:, 0]) * float(top) - 0.004
-    curve = np.concatenate([[[foot, low]], arc(span, 0.0, math.pi, 25, lift / span) + [0.0, height], [[-foot, low]]])
+    curve = np.concatenate(
+        [[[foot, low]], arc(span, 0.0, math.pi, 25, lift / span) + np.array([0.0, height]), [[-foot, low]]]
+    )
     return placed(
         loop_handle(curve, rng.uniform(0.0035, 0.005), wide=rng.uniform(1.5, 3.5), power=4.0), axis=2, angle=math.pi / 2
     )
@@ -124,9 +126,16 @@ def _bail(rng: Generator, woven: Weave, lift: float) -> Mesh:
 def _laundry(rng: Generator) -> Shape:
     """Make a laundry basket: tall slots, grips cut into the band or loops on the rim."""
     rim = rng.uniform(0.2, 0.3)
-    woven = weave(np.array([rim * rng.uniform(0.7, 0.88), rim]), rng.uniform(0.24, 0.4), rows=int(rng.integers(1, 4)),
-                  columns=2 * int(rng.integers(9, 14)), power=float(rng.choice([2.0, 3.5, 6.0])),
-                  flat=rng.uniform(0.65, 1.0), wall=0.004, open_share=rng.uniform(0.45, 0.6))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.7, 0.88), rim]),
+        rng.uniform(0.24, 0.4),
+        rows=int(rng.integers(1, 4)),
+        columns=2 * int(rng.integers(9, 14)),
+        power=float(rng.choice([2.0, 3.5, 6.0])),
+        flat=rng.uniform(0.65, 1.0),
+        wall=0.004,
+        open_share=rng.uniform(0.45, 0.6),
+    )
     if rng.uniform() < 0.7:
         return _named("laundry", woven, "grips", woven.mesh(grips=True))
     return _named("laundry", woven, "loops", united(woven.mesh(), *_loops(rng, woven)))
@@ -135,18 +144,32 @@ def _laundry(rng: Generator) -> Shape:
 def _market(rng: Generator) -> Shape:
     """Make a market or picnic basket of coarse wicker with an arched bail."""
     rim = rng.uniform(0.13, 0.22)
-    woven = weave(np.array([rim * rng.uniform(0.7, 0.9), rim]), rim * rng.uniform(0.6, 1.1), rows=int(rng.integers(3, 6)),
-                  columns=2 * int(rng.integers(10, 15)), power=float(rng.choice([2.0, 2.0, 4.0])),
-                  flat=rng.uniform(0.65, 1.0), wall=0.005, open_share=rng.uniform(0.3, 0.45))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.7, 0.9), rim]),
+        rim * rng.uniform(0.6, 1.1),
+        rows=int(rng.integers(3, 6)),
+        columns=2 * int(rng.integers(10, 15)),
+        power=float(rng.choice([2.0, 2.0, 4.0])),
+        flat=rng.uniform(0.65, 1.0),
+        wall=0.005,
+        open_share=rng.uniform(0.3, 0.45),
+    )
     return _named("market", woven, "bail", united(woven.mesh(), _bail(rng, woven, rim * rng.uniform(0.8, 1.3))))
 
 
 def _storage(rng: Generator) -> Shape:
     """Make an oblong storage basket with grips, loops or nothing."""
     rim = rng.uniform(0.13, 0.2)
-    woven = weave(np.array([rim * rng.uniform(0.85, 0.97), rim]), rim * rng.uniform(0.6, 1.0), rows=int(rng.integers(2, 6)),
-                  columns=2 * int(rng.integers(11, 16)), power=rng.uniform(5.0, 9.0), flat=rng.uniform(0.6, 0.9),
-                  wall=0.0035, open_share=rng.uniform(0.45, 0.65))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.85, 0.97), rim]),
+        rim * rng.uniform(0.6, 1.0),
+        rows=int(rng.integers(2, 6)),
+        columns=2 * int(rng.integers(11, 16)),
+        power=rng.uniform(5.0, 9.0),
+        flat=rng.uniform(0.6, 0.9),
+        wall=0.0035,
+        open_share=rng.uniform(0.45, 0.65),
+    )
     handle = str(rng.choice(["grips", "loops", "none"], p=[0.5, 0.3, 0.2]))
     if handle == "loops":
         return _named("storage", woven, handle, united(woven.mesh(), *_loops(rng, woven)))
@@ -156,27 +179,48 @@ def _storage(rng: Generator) -> Shape:
 def _fruit(rng: Generator) -> Shape:
     """Make a wide wire basket for fruit or bread, low, open all round."""
     rim = rng.uniform(0.11, 0.17)
-    woven = weave(np.array([rim * rng.uniform(0.5, 0.65), rim]), rim * rng.uniform(0.55, 0.8), rows=int(rng.integers(2, 4)),
-                  columns=2 * int(rng.integers(8, 13)), power=2.0, flat=rng.choice([1.0, rng.uniform(0.6, 0.8)]),
-                  wall=0.004, open_share=rng.uniform(0.6, 0.75))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.5, 0.65), rim]),
+        rim * rng.uniform(0.55, 0.8),
+        rows=int(rng.integers(2, 4)),
+        columns=2 * int(rng.integers(8, 13)),
+        power=2.0,
+        flat=rng.choice([1.0, rng.uniform(0.6, 0.8)]),
+        wall=0.004,
+        open_share=rng.uniform(0.6, 0.75),
+    )
     return _named("fruit", woven, "none", woven.mesh())
 
 
 def _shopping(rng: Generator) -> Shape:
     """Make a shop's hand basket: oblong, slotted, one wire bail up."""
     rim = rng.uniform(0.2, 0.24)
-    woven = weave(np.array([rim * rng.uniform(0.75, 0.85), rim]), rng.uniform(0.19, 0.25), rows=int(rng.integers(2, 5)),
-                  columns=2 * int(rng.integers(10, 14)), power=8.0, flat=rng.uniform(0.6, 0.72),
-                  wall=0.004, open_share=rng.uniform(0.5, 0.6))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.75, 0.85), rim]),
+        rng.uniform(0.19, 0.25),
+        rows=int(rng.integers(2, 5)),
+        columns=2 * int(rng.integers(10, 14)),
+        power=8.0,
+        flat=rng.uniform(0.6, 0.72),
+        wall=0.004,
+        open_share=rng.uniform(0.5, 0.6),
+    )
     return _named("shopping", woven, "bail", united(woven.mesh(), _bail(rng, woven, rng.uniform(0.12, 0.17))))
 
 
 def _hamper(rng: Generator) -> Shape:
     """Make a tall hamper under a lid, often with a knob."""
     rim = rng.uniform(0.16, 0.24)
-    woven = weave(np.array([rim * rng.uniform(0.85, 1.0), rim]), rim * rng.uniform(1.8, 2.6), rows=int(rng.integers(4, 7)),
-                  columns=2 * int(rng.integers(9, 13)), power=float(rng.choice([2.0, 5.0, 8.0])), flat=rng.uniform(0.7, 1.0),
-                  wall=0.005, open_share=rng.uniform(0.3, 0.45))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.85, 1.0), rim]),
+        rim * rng.uniform(1.8, 2.6),
+        rows=int(rng.integers(4, 7)),
+        columns=2 * int(rng.integers(9, 13)),
+        power=float(rng.choice([2.0, 5.0, 8.0])),
+        flat=rng.uniform(0.7, 1.0),
+        wall=0.005,
+        open_share=rng.uniform(0.3, 0.45),
+    )
     edge, height = woven.rim[0] + 0.008, woven.rim[1]
     lid = quarter((edge, height + 0.012), (0.25 * edge, height + rng.uniform(0.02, 0.05)), 5)
     rings = np.concatenate([[[edge, height - 0.006]], lid])

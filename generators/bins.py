@@ -98,9 +98,9 @@ def _ice_bucket(rng: Generator) -> Shape:
 
 
 _BUCKETS = {
-    "bail_up": (0.5, _standing_bucket),
-    "bail_down": (0.22, _hanging_bucket),
     "ears": (0.14, _ice_bucket),
+    "bail_down": (0.22, _hanging_bucket),
+    "bail_up": (0.5, _standing_bucket),
     "plain": (0.14, _plain_bucket),
 }
 
@@ -133,9 +133,16 @@ def _office_bin(rng: Generator) -> Shape:
 def _mesh_bin(rng: Generator) -> Shape:
     """Make a desk bin of wire mesh: many small holes."""
     rim = rng.uniform(0.11, 0.15)
-    woven = weave(np.array([rim * rng.uniform(0.7, 0.9), rim]), rim * rng.uniform(1.9, 2.3), rows=int(rng.integers(6, 9)),
-                  columns=2 * int(rng.integers(10, 14)), power=float(rng.choice([2.0, 6.0])), flat=1.0, wall=0.003,
-                  open_share=rng.uniform(0.5, 0.65))  # fmt: skip
+    woven = weave(
+        np.array([rim * rng.uniform(0.7, 0.9), rim]),
+        rim * rng.uniform(1.9, 2.3),
+        rows=int(rng.integers(6, 9)),
+        columns=2 * int(rng.integers(10, 14)),
+        power=float(rng.choice([2.0, 6.0])),
+        flat=1.0,
+        wall=0.003,
+        open_share=rng.uniform(0.5, 0.65),
+    )
     return Shape("trash_can", f"mesh_{woven.rows}x{woven.columns}", woven.mesh())
 
 
@@ -175,8 +182,12 @@ def _swing_bin(rng: Generator) -> Shape:
     tall = (high - low) / 2
     middle = (at, 0.0, (low + high) / 2)
     mouth = placed(block((-0.05, -half, -tall), (0.05, half, tall)), middle, 1, -slope)
-    leaf = placed(block((-0.006, -half - 0.006, -0.9 * tall), (0.006, half + 0.006, 0.9 * tall)), (at - 0.02, 0.0, middle[2]), 1,
-                  -slope + rng.uniform(0.3, 0.6))  # fmt: skip
+    leaf = placed(
+        block((-0.006, -half - 0.006, -0.9 * tall), (0.006, half + 0.006, 0.9 * tall)),
+        (at - 0.02, 0.0, middle[2]),
+        1,
+        -slope + rng.uniform(0.3, 0.6),
+    )
     return Shape("trash_can", "swing", united(carved([body], [mouth]), leaf))
 
 
@@ -195,32 +206,39 @@ def _push_bin(rng: Generator) -> Shape:
 
 def _wheelie_bin(rng: Generator) -> Shape:
     """Make a two-wheeled bin: tapered body, overhanging sloped lid, bar handle and wheels behind."""
-    wide, height = rng.uniform(0.23, 0.29), rng.uniform(0.85, 0.98)
+    wide, height = rng.uniform(0.23, 0.28), rng.uniform(0.88, 1.0)
     deep, taper = wide * rng.uniform(1.0, 1.25), rng.uniform(0.72, 0.8)
     section = squarish(9.0, wide / deep)
     rings = [[taper * deep, 0.0], [0.97 * deep, height - 0.06], [1.04 * deep, height - 0.058], [1.04 * deep, height]]
     body = solid_of(np.array(rings), section)
     slab = np.array([[1.08 * deep, -0.035], [1.08 * deep, 0.03], [0.95 * deep, 0.05], [0.5 * deep, 0.062]])
     lid = placed(solid_of(slab, section), (0.01, 0.0, height + 0.012), 1, rng.uniform(0.03, 0.06))
-    radius = rng.uniform(0.09, 0.11)
+    radius = 0.1
     axle = (-taper * deep + 0.3 * radius, 0.0, radius + 0.003)
     wheel = lying(solid_of(np.array([[radius, -0.022], [radius, 0.022]]), ellipse_section(28)), 0.0)
     rod = lying(solid_of(np.array([[0.012, -wide - 0.01], [0.012, wide + 0.01]]), ellipse_section(12)), 0.0)
     wheels = [placed(wheel, (axle[0], side * wide * 0.98, axle[2])) for side in (-1.0, 1.0)]
     back = -1.08 * deep - 0.05
-    bar = placed(lying(solid_of(np.array([[0.014, -0.7 * wide], [0.014, 0.7 * wide]]), ellipse_section(14)), 0.0),
-                 (back, 0.0, height - 0.02))  # fmt: skip
-    arms = [block((back - 0.012, side * 0.62 * wide - 0.012, height - 0.045), (-0.9 * deep, side * 0.62 * wide + 0.012, height))
-            for side in (-1.0, 1.0)]  # fmt: skip
+    bar = placed(
+        lying(solid_of(np.array([[0.014, -0.7 * wide], [0.014, 0.7 * wide]]), ellipse_section(14)), 0.0),
+        (back, 0.0, height - 0.02),
+    )
+    arms = [
+        block(
+            (back - 0.012, side * 0.62 * wide - 0.012, height - 0.045),
+            (-0.9 * deep, side * 0.62 * wide + 0.012, height),
+        )
+        for side in (-1.0, 1.0)
+    ]
     return Shape("trash_can", "wheelie", united(body, lid, *wheels, placed(rod, axle), bar, *arms))
 
 
 _TRASH_CANS = {
     "open": (0.16, _open_bin),
-    "office": (0.16, _office_bin),
-    "mesh": (0.12, _mesh_bin),
     "pedal": (0.2, _pedal_bin),
+    "mesh": (0.12, _mesh_bin),
     "swing": (0.14, _swing_bin),
     "push": (0.08, _push_bin),
     "wheelie": (0.14, _wheelie_bin),
+    "office": (0.16, _office_bin),
 }

@@ -157,8 +157,10 @@ def _bin_tray(rng: Generator) -> Shape:
     half = _sizes(rng, (0.28, 0.5), (0.2, 0.35), (0.08, 0.2))
     a, _, h = half.tolist()
     outside, inside = _tray(half, rng.uniform(0.006, 0.012))
-    grip = revolve(np.array([[0.0, -1.05 * a], [1.0, -1.05 * a], [1.0, 1.05 * a], [0.0, 1.05 * a]]),
-                   squarish(2.5, 1.0, 24) * [0.016, 0.05])  # fmt: skip
+    grip = revolve(
+        np.array([[0.0, -1.05 * a], [1.0, -1.05 * a], [1.0, 1.05 * a], [0.0, 1.05 * a]]),
+        squarish(2.5, 1.0, 24) * [0.016, 0.05],
+    )
     grip = placed(grip, (0.0, 0.0, h - 0.032), 1, math.pi / 2)
     return Shape("box", "tray", carved([outside], [inside, grip]), Measures(), {"height": h, "width": 2 * a})
 
@@ -209,13 +211,13 @@ def _gift(rng: Generator) -> Shape:
 
 
 _BOXES = {
-    "carton": (0.18, _carton),
-    "carton_open": (0.2, _open_carton),
-    "shoe": (0.12, _shoe_box),
-    "cereal": (0.14, _cereal_box),
     "pizza": (0.06, _pizza_box),
+    "cereal": (0.14, _cereal_box),
+    "carton_open": (0.2, _open_carton),
+    "gift": (0.08, _gift),
+    "shoe": (0.12, _shoe_box),
     "crate": (0.1, _crate),
     "tray": (0.08, _bin_tray),
     "chest": (0.08, _chest),
-    "gift": (0.08, _gift),
+    "carton": (0.18, _carton),
 }

@@ -42,7 +42,8 @@ def _pan(rng: Generator, radius: float, height: float, flare: float = 1.0, *, se
     corner = np.column_stack([base - edge + edge * np.sin(turn), edge * (1 - np.cos(turn))])
     bead = rng.uniform(0.002, 0.0035)
     rim = [[radius, height - 2 * bead], [radius + bead, height - 1.4 * bead], [radius + bead, height]]
-    body = vessel(*np.concatenate([corner, [[radius, height]]]).T, wall, section)
+    side = np.concatenate([corner, [[radius, height]]])
+    body = vessel(side[:, 0], side[:, 1], wall, section)
     return Body(np.concatenate([corner, rim]), body.inner, section)
 
 
@@ -76,8 +77,15 @@ def _long_handle(rng: Generator, radius: float, height: float, length: float) ->
     """Return a handle that leaves the wall below the rim and rises, with a hole to hang it by."""
     at = height - 0.012 - rng.uniform(0.0, 0.15) * height
     rise = length * rng.uniform(0.02, 0.3)
-    curve = spline([(radius - 0.012, at), (radius + 0.03, at + 0.1 * rise), (radius + 0.5 * length, at + 0.7 * rise),
-                    (radius + length, at + rise)], 12)  # fmt: skip
+    curve = spline(
+        [
+            (radius - 0.012, at),
+            (radius + 0.03, at + 0.1 * rise),
+            (radius + 0.5 * length, at + 0.7 * rise),
+            (radius + length, at + rise),
+        ],
+        12,
+    )
     share = np.linspace(0, 1, 12)
     scale = 0.006 * (1 + 0.35 * np.sin(math.pi * share)) + 0.001 * share
     path = np.column_stack([curve[:, 0], np.zeros(12), curve[:, 1]])
@@ -168,12 +176,12 @@ def _cauldron(rng: Generator) -> Shape:
 
 
 _POTS = {
-    "saucepan": (0.28, _saucepan),
+    "wok": (0.08, _wok),
+    "cauldron": (0.08, _cauldron),
     "stock_pot": (0.26, _stock_pot),
     "casserole": (0.16, _casserole),
     "frying_pan": (0.14, _frying_pan),
-    "wok": (0.08, _wok),
-    "cauldron": (0.08, _cauldron),
+    "saucepan": (0.28, _saucepan),
 }
 
 
@@ -212,8 +220,11 @@ def _stove_kettle(rng: Generator) -> Shape:
     body = solid_of(_closed(rng, rings, 0.85))
     low = 0.55 * height
     at, rise = _at(rings, low), height * rng.uniform(0.4, 0.55)
-    tube, bore = spout(np.array(spline([(at - 0.03, low - 0.01), (at + 0.03, low + 0.3 * rise), (at + 0.06, low + rise)], 9)),
-                       rng.uniform(0.018, 0.024), rng.uniform(0.009, 0.012))  # fmt: skip
+    tube, bore = spout(
+        spline([(at - 0.03, low - 0.01), (at + 0.03, low + 0.3 * rise), (at + 0.06, low + rise)], 9),
+        rng.uniform(0.018, 0.024),
+        rng.uniform(0.009, 0.012),
+    )
     foot = 0.93 * height
     span, top = _at(rings, foot) - 0.004, rng.uniform(1.0, 1.35) * radius + 0.02
     if rng.uniform() < 0.5:
@@ -234,14 +245,23 @@ def _cone_kettle(rng: Generator) -> Shape:
     body = solid_of(_closed(rng, rings))
     low = 0.45 * height
     at = _at(rings, low)
-    curve = np.array(spline([(at - 0.03, low - 0.02), (at + 0.02, low + 0.03), (at + 0.045, low + 0.055)], 8))
+    curve = spline([(at - 0.03, low - 0.02), (at + 0.02, low + 0.03), (at + 0.045, low + 0.055)], 8)
     tube, bore = spout(curve, 0.02, 0.013)
     back, high = _at(rings, 0.4 * height), _at(rings, 0.88 * height)
     handle = loop_handle(
-        np.array(spline([(-high + 0.012, 0.86 * height), (-high - 0.03, 1.02 * height), (-radius - 0.015, 0.9 * height),
-                         (-radius - 0.02, 0.55 * height), (-back + 0.01, 0.4 * height)], 19)),
-        0.007, wide=1.5,
-    )  # fmt: skip
+        spline(
+            [
+                (-high + 0.012, 0.86 * height),
+                (-high - 0.03, 1.02 * height),
+                (-radius - 0.015, 0.9 * height),
+                (-radius - 0.02, 0.55 * height),
+                (-back + 0.01, 0.4 * height),
+            ],
+            19,
+        ),
+        0.007,
+        wide=1.5,
+    )
     return Shape("kettle", "stove_whistling", carved([body, tube, handle], [bore]))
 
 
@@ -265,7 +285,7 @@ def _electric_kettle(rng: Generator) -> Shape:
     bulge = rng.uniform(0.0, 0.06) * radius
     t = np.linspace(0, 1, 7)
     side = np.column_stack([radius + (mouth - radius) * t + bulge * np.sin(math.pi * t), 0.021 + (height - 0.021) * t])
-    rings = np.concatenate([base, side + [0.0, 0.0005]])
+    rings = np.concatenate([base, side + np.array([0.0, 0.0005])])
     top = rings[-1, 1]
     lid = [[0.88 * mouth, top + 0.001], *dome(0.86 * mouth, top + 0.006, 0.012, 0.4 * mouth, 4).tolist()]
     knob = [[0.2 * mouth, lid[-1][1]], [0.2 * mouth, lid[-1][1] + 0.008], [0.15 * mouth, lid[-1][1] + 0.01]]
@@ -277,8 +297,12 @@ def _back_handle(rng: Generator, rings: Points, top: float) -> Mesh:
     """Return a tall handle toward -x, joined above and below or, as on many electric kettles, only flared at foot."""
     low, high = top * rng.uniform(0.2, 0.35), top * rng.uniform(0.86, 0.93)
     back = max(_at(rings, low), _at(rings, high)) + rng.uniform(0.035, 0.05)
-    corners = [(-_at(rings, high) + 0.01, high), (-back, high + rng.uniform(0.0, 0.012)), (-back, low + 0.01),
-               (-_at(rings, low) + 0.01, low)]  # fmt: skip
+    corners = [
+        (-_at(rings, high) + 0.01, high),
+        (-back, high + rng.uniform(0.0, 0.012)),
+        (-back, low + 0.01),
+        (-_at(rings, low) + 0.01, low),
+    ]
     return loop_handle(filleted(corners, rng.uniform(0.016, 0.03), 6), rng.uniform(0.007, 0.01), wide=1.3, power=3.0)
 
 
@@ -291,15 +315,33 @@ def _gooseneck(rng: Generator) -> Shape:
     low = 0.18 * height
     at = _at(rings, low)
     out = radius + 0.06
-    curve = np.array(spline([(at - 0.02, low), (at + 0.04, low + 0.002), (out, 0.4 * height), (out - 0.012, 0.8 * height),
-                             (out + 0.012, 1.1 * height), (out + 0.045, 1.04 * height)], 18))  # fmt: skip
+    curve = spline(
+        [
+            (at - 0.02, low),
+            (at + 0.04, low + 0.002),
+            (out, 0.4 * height),
+            (out - 0.012, 0.8 * height),
+            (out + 0.012, 1.1 * height),
+            (out + 0.045, 1.04 * height),
+        ],
+        18,
+    )
     tube, bore = spout(curve, 0.01, 0.0055)
     back = _at(rings, 0.9 * height)
     handle = loop_handle(
-        np.array(spline([(-back + 0.012, 0.86 * height), (-back - 0.02, 0.98 * height), (-radius - 0.04, 0.98 * height),
-                         (-radius - 0.035, 0.5 * height), (-_at(rings, 0.25 * height) + 0.01, 0.25 * height)], 19)),
-        0.006, wide=1.5,
-    )  # fmt: skip
+        spline(
+            [
+                (-back + 0.012, 0.86 * height),
+                (-back - 0.02, 0.98 * height),
+                (-radius - 0.04, 0.98 * height),
+                (-radius - 0.035, 0.5 * height),
+                (-_at(rings, 0.25 * height) + 0.01, 0.25 * height),
+            ],
+            19,
+        ),
+        0.006,
+        wide=1.5,
+    )
     return Shape("kettle", "gooseneck", carved([body, tube, handle], [bore]))
 
 
@@ -308,27 +350,37 @@ def _teapot(rng: Generator) -> Shape:
     radius = rng.uniform(0.06, 0.085)
     height = radius * rng.uniform(1.25, 1.7)
     rings = _belly(radius, height - 0.006, -0.95, rng.uniform(0.95, 1.1), pick(rng, 1.0, 1.0, 1.5))
-    rings = np.concatenate([[[0.9 * rings[0, 0], 0.0]], rings + [0.0, 0.006]])
+    rings = np.concatenate([[[0.9 * rings[0, 0], 0.0]], rings + np.array([0.0, 0.006])])
     body = solid_of(_closed(rng, rings, 0.95))
     low, top = 0.3 * height, height * rng.uniform(0.92, 1.05)
     at = _at(rings, low)
-    curve = np.array(spline([(at - 0.02, low), (at + 0.025, low + 0.08 * height), (radius + 0.02, 0.62 * height),
-                             (radius + 0.05, top)], 13))  # fmt: skip
+    curve = spline(
+        [(at - 0.02, low), (at + 0.025, low + 0.08 * height), (radius + 0.02, 0.62 * height), (radius + 0.05, top)], 13
+    )
     tube, bore = spout(curve, 0.24 * radius, 0.09 * radius)
     high, foot = 0.82 * height, 0.3 * height
     back = radius + rng.uniform(0.03, 0.042)
     handle = loop_handle(
-        np.array(spline([(-_at(rings, high) + 0.01, high), (-radius - 0.008, high + 0.012), (-back, 0.72 * height),
-                         (-back + 0.004, 0.45 * height), (-_at(rings, foot) + 0.01, foot)], 19)),
-        rng.uniform(0.0045, 0.006), wide=rng.uniform(1.0, 1.6),
-    )  # fmt: skip
+        spline(
+            [
+                (-_at(rings, high) + 0.01, high),
+                (-radius - 0.008, high + 0.012),
+                (-back, 0.72 * height),
+                (-back + 0.004, 0.45 * height),
+                (-_at(rings, foot) + 0.01, foot),
+            ],
+            19,
+        ),
+        rng.uniform(0.0045, 0.006),
+        wide=rng.uniform(1.0, 1.6),
+    )
     return Shape("kettle", "teapot", carved([body, tube, handle], [bore]))
 
 
 _KETTLES = {
+    "electric": (0.24, _electric_kettle),
     "stove_bail": (0.28, _stove_kettle),
     "stove_whistling": (0.14, _cone_kettle),
-    "electric": (0.24, _electric_kettle),
-    "gooseneck": (0.12, _gooseneck),
     "teapot": (0.22, _teapot),
+    "gooseneck": (0.12, _gooseneck),
 }

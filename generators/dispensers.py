@@ -15,7 +15,7 @@ Points = NDArray[np.float64]
 
 
 def make_dispenser(rng: Generator) -> Shape:
-    """Make a dispenser: soap pump, foam pump, trigger spray, drinks tank, water cooler, wall soap, towels, or tape-like."""
+    """Make a dispenser: soap pump, foam pump, trigger spray, drinks tank, water cooler, wall soap, towels or cereal."""
     return draw(rng, _DISPENSERS)
 
 
@@ -46,8 +46,15 @@ def _pump(rng: Generator) -> Shape:
     collar += [[0.0045, top], [0.0045, top + stem]]
     head = [[0.012, top + stem], [0.013, top + stem + 0.009], [0.009, top + stem + 0.013]]
     reach = rng.uniform(0.035, 0.05)
-    line = spline([(0.004, top + stem + 0.006), (0.6 * reach, top + stem + 0.0065), (reach, top + stem + 0.004),
-                   (reach + 0.002, top + stem - 0.008)], 10)  # fmt: skip
+    line = spline(
+        [
+            (0.004, top + stem + 0.006),
+            (0.6 * reach, top + stem + 0.0065),
+            (reach, top + stem + 0.004),
+            (reach + 0.002, top + stem - 0.008),
+        ],
+        10,
+    )
     nozzle = sweep(upright(line), ellipse_section(10), np.linspace(0.0055, 0.0032, 10))
     body = solid_of(rings, section)
     cap = solid_of(np.concatenate([[[0.018, height - 0.002]], collar, head]), ROUND)
@@ -79,8 +86,11 @@ def _trigger(rng: Generator) -> Shape:
     shroud = spline([(back, deck - 0.004), (back * 0.5, deck + 0.014), (0.01, deck + 0.014), (front, deck + 0.008)], 12)
     head = sweep(upright(shroud), squarish(3.0, 0.85, 14), 0.0135 - 0.003 * np.linspace(0, 1, 12))
     nozzle = _bar((front - 0.008, deck + 0.0085), (front + 0.014, deck + 0.0065), 0.0075)
-    lever = loop_handle(spline([(0.024, deck + 0.008), (0.032, deck - 0.012), (0.028, deck - 0.028), (0.038, deck - 0.042)], 13),
-                        0.0035, wide=2.0)  # fmt: skip
+    lever = loop_handle(
+        spline([(0.024, deck + 0.008), (0.032, deck - 0.012), (0.028, deck - 0.028), (0.038, deck - 0.042)], 13),
+        0.0035,
+        wide=2.0,
+    )
     return Shape("dispenser", "trigger", united(solid_of(rings, section), solid_of(collar), head, nozzle, lever))
 
 
@@ -96,8 +106,10 @@ def _tap(low: float, at: float, size: float) -> list[Mesh]:
         10,
     )
     barrel = _bar((at - 0.02, low), (at + 1.1 * size, low), 0.62 * size)
-    stem = placed(solid_of(np.array([[0.22 * size, 0.0], [0.22 * size, 1.4 * size]]), ellipse_section(10)),
-                  (at + 0.9 * size, 0.0, low))  # fmt: skip
+    stem = placed(
+        solid_of(np.array([[0.22 * size, 0.0], [0.22 * size, 1.4 * size]]), ellipse_section(10)),
+        (at + 0.9 * size, 0.0, low),
+    )
     paddle = block((at + 0.3 * size, -0.3 * size, low + 1.2 * size), (at + 2.4 * size, 0.3 * size, low + 1.6 * size))
     return [sweep(upright(pipe), ellipse_section(12), 0.42 * size), barrel, stem, paddle]
 
@@ -126,9 +138,14 @@ def _water_cooler(rng: Generator) -> Shape:
     cabinet = block((-deep, -wide, 0.0), (deep, wide, height))
     niche = block((0.1 * deep, -0.8 * wide, 0.62 * height), (2 * deep, 0.8 * wide, 0.88 * height))
     sill = block((0.5 * deep, -0.7 * wide, 0.6 * height), (1.25 * deep, 0.7 * wide, 0.625 * height))
-    taps = [placed(part, (0.0, y, 0.0)) for y in (-0.07, 0.07) for part in (
-        _bar((0.05 * deep, 0.81 * height), (0.1 * deep + 0.05, 0.81 * height), 0.012, 10),
-        _bar((0.1 * deep + 0.04, 0.82 * height), (0.1 * deep + 0.04, 0.765 * height), 0.01, 10))]  # fmt: skip
+    taps = [
+        placed(part, (0.0, y, 0.0))
+        for y in (-0.07, 0.07)
+        for part in (
+            _bar((0.05 * deep, 0.81 * height), (0.1 * deep + 0.05, 0.81 * height), 0.012, 10),
+            _bar((0.1 * deep + 0.04, 0.82 * height), (0.1 * deep + 0.04, 0.765 * height), 0.01, 10),
+        )
+    ]
     ring = rng.uniform(0.125, 0.14)
     z = np.array([-0.01, 0.03, 0.09, 0.1, 0.19, 0.2, 0.21, 0.3, 0.33, 0.345])
     r = np.array([0.04, 0.04, ring, ring, ring, ring - 0.008, ring, ring, ring - 0.012, ring - 0.04])
@@ -174,20 +191,27 @@ def _cup_tower(rng: Generator) -> Shape:
     body = solid_of(np.concatenate([foot, hopper, [[1.05 * radius, hub + tall + 0.001]], lid]))
     wheel = lying(solid_of(np.array([[0.035, -0.02], [0.035, 0.02]]), ellipse_section(24)), 0.0)
     axle = _bar((0.0, hub + 0.01), (0.55 * radius + 0.035, hub + 0.01), 0.008)
-    knob = placed(solid_of(np.array([[0.026, 0.0], [0.026, 0.016]]), ellipse_section(12)),
-                  (0.55 * radius + 0.025, 0.0, hub + 0.01), 1, math.pi / 2)  # fmt: skip
-    chute = sweep(upright(np.array([[0.0, hub - 0.005], [0.03, hub - 0.03], [0.06 + 0.3 * radius, hub - 0.055]])),
-                  squarish(5.0, 1.3, 12), 0.02)  # fmt: skip
+    knob = placed(
+        solid_of(np.array([[0.026, 0.0], [0.026, 0.016]]), ellipse_section(12)),
+        (0.55 * radius + 0.025, 0.0, hub + 0.01),
+        1,
+        math.pi / 2,
+    )
+    chute = sweep(
+        upright(np.array([[0.0, hub - 0.005], [0.03, hub - 0.03], [0.06 + 0.3 * radius, hub - 0.055]])),
+        squarish(5.0, 1.3, 12),
+        0.02,
+    )
     return Shape("dispenser", "cereal", united(body, placed(wheel, (0.0, 0.0, hub + 0.01)), axle, knob, chute))
 
 
 _DISPENSERS = {
-    "pump": (0.2, _pump),
-    "foam": (0.12, _foam_pump),
-    "trigger": (0.18, _trigger),
-    "drinks_tank": (0.14, _drinks_tank),
     "water_cooler": (0.1, _water_cooler),
+    "towels": (0.09, _towels),
+    "pump": (0.2, _pump),
     "wall_soap": (0.1, _wall_soap),
-    "towels": (0.08, _towels),
-    "cereal": (0.08, _cup_tower),
+    "trigger": (0.16, _trigger),
+    "drinks_tank": (0.14, _drinks_tank),
+    "foam": (0.12, _foam_pump),
+    "cereal": (0.09, _cup_tower),
 }

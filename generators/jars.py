@@ -61,7 +61,7 @@ def _jar_rings(rng: Generator, mouth_share: float = 0.8) -> tuple[Points, float]
 
 def _open_jar(rng: Generator) -> Shape:
     """Make an open jar, its mouth threaded or lipped as often as plain."""
-    rings, shoulder = _jar_rings(rng)
+    rings, _ = _jar_rings(rng)
     mouth, height = rings[-1]
     if rng.uniform() < 0.5:
         bead = 0.0018
@@ -98,8 +98,12 @@ def _urn_rings(rng: Generator) -> Points:
     height, radius = rng.uniform(0.14, 0.3), rng.uniform(0.05, 0.085)
     foot, neck = radius * rng.uniform(0.45, 0.65), radius * rng.uniform(0.4, 0.6)
     widest = rng.uniform(0.5, 0.66)
-    lower = np.column_stack([foot * 0.85 + (radius - foot * 0.85) * np.sin(np.linspace(0, math.pi / 2, 7)),
-                             height * (0.04 + (widest - 0.04) * np.linspace(0, 1, 7))])  # fmt: skip
+    lower = np.column_stack(
+        [
+            foot * 0.85 + (radius - foot * 0.85) * np.sin(np.linspace(0, math.pi / 2, 7)),
+            height * (0.04 + (widest - 0.04) * np.linspace(0, 1, 7)),
+        ]
+    )
     upper_z = height * np.linspace(widest, 0.9, 6)[1:]
     upper = np.column_stack([blend(radius, neck, 6)[1:], upper_z])
     lip = [[neck * 1.08, 0.95 * height], [neck * rng.uniform(1.2, 1.45), height]]
@@ -128,8 +132,17 @@ def _amphora_jar(rng: Generator) -> Shape:
     low, high = height * rng.uniform(0.66, 0.74), height * rng.uniform(0.9, 0.95)
     at = [float(np.interp(z, rings[:, 1], rings[:, 0])) for z in (high, low)]
     out = radius * rng.uniform(0.95, 1.2)
-    curve = spline([(at[0] - 0.009, high), (at[0] + 0.01, high + 0.002), (out - 0.005, high), (out, (low + high) / 2),
-                    (at[1] + 0.006, low), (at[1] - 0.008, low - 0.004)], 15)  # fmt: skip
+    curve = spline(
+        [
+            (at[0] - 0.009, high),
+            (at[0] + 0.01, high + 0.002),
+            (out - 0.005, high),
+            (out, (low + high) / 2),
+            (at[1] + 0.006, low),
+            (at[1] - 0.008, low - 0.004),
+        ],
+        15,
+    )
     ear = loop_handle(curve, min(0.006, 0.03 * height), wide=rng.uniform(1.0, 1.6), sections=8)
     return Shape("jar", "amphora", body.with_parts(ear, opposite(ear)))
 

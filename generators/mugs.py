@@ -111,7 +111,12 @@ def _body(rng: Generator, radius: float, height: float, shares: Points, section:
     if rng.uniform() < 0.2:
         bead = 0.5 * wall
         top = body.outer[-1]
-        roll = [top - [0.0, 3.2 * bead], top + [bead, -2.2 * bead], top + [bead, -bead], top + [0.4 * bead, 0.0]]
+        roll = [
+            top - [0.0, 3.2 * bead],
+            top + np.array([bead, -2.2 * bead]),
+            top + np.array([bead, -bead]),
+            top + np.array([0.4 * bead, 0.0]),
+        ]
         lower = body.outer[body.outer[:, 1] < height - 4 * bead]
         body = Body(np.concatenate([lower, roll]), body.inner, section)
     return body
@@ -127,7 +132,7 @@ def _centre_line(
     thick = float(rng.uniform(0.0032, 0.0055)) * min(1.0, height / 0.08)
     if outline == "ring":
         size = min(half, float(rng.uniform(0.013, 0.018)))
-        points = arc(size, 2.2, -2.2, 19) + [size * 0.62, 0.0]
+        points = arc(size, 2.2, -2.2, 19) + np.array([size * 0.62, 0.0])
         at = low + half + points[:, 1]
         x = float(np.interp(low + half, wall[:, 1], wall[:, 0])) + points[:, 0]
         curve = np.column_stack([x, at])
@@ -136,7 +141,7 @@ def _centre_line(
         how, fillet, controls = _OUTLINES[outline]
         scaled = np.array(controls, dtype=np.float64) * [reach, half]
         curve = filleted(scaled, fillet * half, 6) if how == "fillet" else spline(scaled, 21)
-        at = np.maximum(low + half + curve[:, 1], thick + 0.03 * height)
+        at = np.maximum(low + half + curve[:, 1], 1.5 * thick + 0.0065)
         curve = np.column_stack([np.interp(at, wall[:, 1], wall[:, 0]) + curve[:, 0], at])
     deep = [float(np.interp(z, inside[:, 1], inside[:, 0])) - 0.003 for z in curve[[0, -1], 1]]
     ends = [[min(deep[0], curve[0, 0] - 0.004), curve[0, 1]], [min(deep[1], curve[-1, 0] - 0.004), curve[-1, 1]]]

@@ -115,19 +115,27 @@ def _jug_bottle(rng: Generator) -> Shape:
     at = [float(np.interp(z, rings[:, 1], rings[:, 0])) for z in (high, low)]
     out = float(rings[:, 0].max()) + rng.uniform(0.012, 0.022)
     curve = spline(
-        [(at[0] - 0.006, high), (at[0] + 0.02, high), (out - 0.01, high - 0.002), (out, high - 0.03), (out, low + 0.02),
-         (at[1] + 0.01, low), (at[1] - 0.012, low)], 22
-    )  # fmt: skip
+        [
+            (at[0] - 0.006, high),
+            (at[0] + 0.02, high),
+            (out - 0.01, high - 0.002),
+            (out, high - 0.03),
+            (out, low + 0.02),
+            (at[1] + 0.01, low),
+            (at[1] - 0.012, low),
+        ],
+        22,
+    )
     return Shape("bottle", "jug", united(solid_of(profile), loop_handle(curve, 0.006, wide=1.5)))
 
 
 _BOTTLES = {
-    "open": (0.2, _open_bottle),
-    "wine": (0.18, _wine_bottle),
-    "capped": (0.22, _capped_bottle),
     "ribbed": (0.16, _ribbed_bottle),
     "sports": (0.12, _sports_bottle),
+    "wine": (0.18, _wine_bottle),
+    "open": (0.2, _open_bottle),
     "jug": (0.12, _jug_bottle),
+    "capped": (0.22, _capped_bottle),
 }
 
 
@@ -152,8 +160,8 @@ def _bowl_body(rng: Generator, *, steep: bool = False) -> Body:
 
 def _footed(rng: Generator, body: Body) -> Body:
     foot, ring = rng.uniform(0.006, 0.015), body.outer[0, 0] * rng.uniform(0.75, 0.95)
-    outer = np.concatenate([[[ring, 0.0], [ring, foot]], body.outer + [0.0, foot]])
-    return Body(outer, body.inner + [0.0, foot], body.section)
+    outer = np.concatenate([[[ring, 0.0], [ring, foot]], body.outer + np.array([0.0, foot])])
+    return Body(outer, body.inner + np.array([0.0, foot]), body.section)
 
 
 def _plain_bowl(rng: Generator) -> Shape:
@@ -235,8 +243,19 @@ def _food_rings(radius: float, height: float, rim: float, recess: float, beads: 
     return np.asarray(rings)
 
 
+_FOOD_CANS = {
+    "202x308": (2, 3.5), "211x300": (11, 3.0), "211x400": (11, 4.0), "300x407": (16, 4.4375), "303x406": (19, 4.375),
+    "303x509": (19, 5.5625), "307x306": (23, 3.375), "307x409": (23, 4.5625), "401x206": (33, 2.375),
+    "401x411": (33, 4.6875), "404x307": (36, 3.4375), "404x700": (36, 7.0),
+}  # fmt: skip
+"""Nominal sizes of the Can Manufacturers Institute: sixteenths of the diameter beyond 2 in, height in inches."""
+_INCH = 0.0254
+
+
 def _food_can(rng: Generator) -> Shape:
-    radius, height = rng.uniform(0.0265, 0.055), rng.uniform(0.04, 0.17)
+    sixteenths, inches = list(_FOOD_CANS.values())[int(rng.integers(len(_FOOD_CANS)))]
+    radius = (2 + sixteenths / 16) * _INCH / 2 * rng.uniform(0.99, 1.01)
+    height = inches * _INCH * rng.uniform(0.99, 1.01)
     beads = int(rng.integers(2, 5)) if height > 0.08 and rng.uniform() < 0.5 else 0
     rings = _food_rings(radius, height, rng.uniform(0.0015, 0.0025), rng.uniform(0.002, 0.004), beads)
     return full("can", "beaded" if beads else "food", rings, ROUND)
@@ -332,8 +351,16 @@ def _oil_can(rng: Generator) -> Shape:
     strap = rng.uniform() < 0.6
     if strap:
         top = height - 0.004
-        curve = spline([(-0.75 * radius, top), (-0.7 * radius, top + 0.022), (-0.3 * radius, top + 0.026),
-                        (0.1 * radius, top + 0.022), (0.15 * radius, top)], 15)  # fmt: skip
+        curve = spline(
+            [
+                (-0.75 * radius, top),
+                (-0.7 * radius, top + 0.022),
+                (-0.3 * radius, top + 0.026),
+                (0.1 * radius, top + 0.022),
+                (0.15 * radius, top),
+            ],
+            15,
+        )
         parts.append(loop_handle(curve, 0.0014, wide=5.0, power=5.0))
     return Shape("can", "oil_strap" if strap else "oil", united(*parts))
 

@@ -4,7 +4,7 @@ A category is a family with several topologies, not one body with random sides. 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +31,11 @@ ROUND = ellipse_section(SECTIONS)
 GRIP_SECTIONS = 10
 
 
-def draw(rng: Generator, topologies: dict[str, tuple[float, Maker]]) -> Shape:
-    """Make a shape of one topology, drawn by the weights beside the makers."""
+def draw(rng: Generator, topologies: Mapping[str, tuple[float, Maker]]) -> Shape:
+    """Make a shape of one topology, drawn by the weights beside the makers.
+
+    In categories of few shapes the order of the table is the one whose draws show the most topologies.
+    """
     weights = np.array([weight for weight, _ in topologies.values()])
     return list(topologies.values())[int(rng.choice(len(weights), p=weights / weights.sum()))][1](rng)
 
@@ -82,8 +85,8 @@ class Body:
         high = min(high, self.inner[-1, 1] + lift)
         between = self.inner[(self.inner[:, 1] > low) & (self.inner[:, 1] < high), 1]
         z = np.concatenate([[low], between, [high]])
-        rising = np.maximum.accumulate(self.outer[:, 1])
-        middle = (np.interp(z, self.inner[:, 1], self.inner[:, 0]) + np.interp(z, rising, self.outer[:, 0])) / 2
+        wall = np.min(np.interp(self.inner[:, 1], *_upward(self.outer)) - self.inner[:, 0])
+        middle = np.interp(z, *_upward(self.inner)) + wall / 2
         return joined(self.solid, parts, solid_of(np.column_stack([middle, z]), self.section))
 
     @property
@@ -116,11 +119,17 @@ def vessel(radius: Points, height: Points, wall: float, section: Points) -> Body
     return Body(_bent(np.column_stack([radius, height])), _bent(inner), section)
 
 
+def _upward(rings: Points) -> tuple[Points, Points]:
+    """Return heights that never fall, and the radii there, for interpolation."""
+    return np.maximum.accumulate(rings[:, 1]), rings[:, 0]
+
+
 def _bent(rings: Points) -> Points:
     """Return the rings without those that lie on a straight line between their neighbours."""
     before, after = rings[1:-1] - rings[:-2], rings[2:] - rings[1:-1]
     turn = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
-    return rings[np.concatenate([[True], turn > 1e-9, [True]])]
+    bent = np.concatenate([[True], turn > 1e-9, [True]])
+    return np.asarray(rings[bent])
 
 
 def full(category: str, name: str, rings: Points, section: Points) -> Shape:
@@ -143,7 +152,7 @@ def knob_rings(rng: Generator, stem: float, ball: float, low: float) -> Points:
     kind = str(rng.choice(["ball", "cone", "disc"]))
     if kind == "ball":
         turned = arc(ball, -1.1, 1.45, 8)
-        return np.concatenate([[[stem, low]], turned + [0.0, low + ball * 1.1]])
+        return np.concatenate([[[stem, low]], turned + np.array([0.0, low + ball * 1.1])])
     if kind == "cone":
         return np.array(
             [[stem, low], [stem, low + 0.4 * ball], [ball, low + 1.6 * ball], [0.8 * ball, low + 1.8 * ball]]
