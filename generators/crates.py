@@ -230,8 +230,8 @@ def _tool_box(rng: Generator, name: str) -> Shape:
 
 def _shoe_box(rng: Generator, name: str) -> Shape:
     """Make a shoe box under a lid that reaches over its sides."""
-    low, high = _corners(rng, (0.29, 0.37), (0.17, 0.24), (0.1, 0.14))
-    wall = 0.011 * 2 * high[1]
+    low, high = _corners(rng, (0.17, 0.24), (0.29, 0.37), (0.1, 0.14))
+    wall = 0.011 * 2 * high[0]
     lid, top = _lid(low, high, rng.uniform(0.025, 0.045), 0.003)
     parts = Assembly([box(low, (high[0], high[1], high[2] - 0.01)), lid])
     parts.hollow(_room(low, high, wall))
