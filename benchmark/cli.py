@@ -31,6 +31,10 @@ app.add_typer(shapes_app, name="shapes")
 
 _INTERRUPTED = 130
 
+_SHAPES = (
+    "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
+    "shapenet=DIR (ShapeNetCore)."
+)
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
@@ -123,7 +127,7 @@ def generate(
     workers: Workers = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
-    shapes: Annotated[str, typer.Option(help="default, or meshes=DIR.")] = "default",
+    shapes: Annotated[str, typer.Option(help=_SHAPES)] = "default",
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
@@ -333,7 +337,8 @@ def show_shapes(
     path = out or Path(f"{category or 'shapes'}.png")
     check_png(path)
     shelf = open_source(source)
-    chosen = select(shelf, role, category, split, index or (), count or (8 if category is None else 40))
+    some = (8 if category is None else 40) if count is None else count
+    chosen = select(shelf, role, category, split, index or (), some)
     with _progress(quiet=False) as progress:
         picture = draw(chosen, measures, cutaway, progress)
     write_png(picture, path)

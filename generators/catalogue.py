@@ -65,6 +65,17 @@ COUNTS: dict[str, dict[str, dict[str, int]]] = {
 }
 """Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
 
+ENVIRONMENTS = ("box", "microwave", "refrigerator", "safe", "storage_furniture", "table", "washing_machine")
+CATEGORIES: dict[str, dict[str, tuple[str, ...]]] = {
+    "object": {
+        "train": ("basket", "bottle", "bowl", "box", "can", "mug", "pot", "trash_can"),
+        "test": ("bucket", "dispenser", "jar", "kettle"),
+    },
+    "environment": {"train": ENVIRONMENTS, "test": ENVIRONMENTS},
+    "mug": {"train": ("mug",), "test": ("mug",)},
+}
+"""Categories per role and split, as in the paper; `box` is an object and an environment."""
+
 MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
     "object": {
         "basket": baskets.make_basket,

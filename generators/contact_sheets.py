@@ -18,16 +18,17 @@ CELL, COLUMNS = 200, 8
 """Pixels of a shape in a sheet, and shapes a row."""
 PORTRAIT = 480
 """Pixels of a view in a portrait."""
-CAPTION, TITLE = 13, 20
+CAPTION, TITLE = 13, 19
 """Heights of the letters, pixels."""
 INK, FAINT = (30, 34, 42), (112, 118, 128)
-COLOURS = 255
+COLOURS = 64
 """Colours of a PNG's palette."""
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, shapes done, shapes in all)."""
 
-Line = tuple[str, tuple[int, int, int]]
+Line = tuple[str, tuple[int, int, int], int]
+"""Text, colour, height of its letters."""
 
 
 def draw(
@@ -40,12 +41,9 @@ def draw(
 
 
 def sheet(
-    selections: Sequence[Selection],
-    measures: bool = False,
-    opened: bool = False,
-    progress: Progress | None = None,
+    selections: Sequence[Selection], measures: bool = False, opened: bool = False, progress: Progress | None = None
 ) -> Image:
-    """Return a contact sheet: a title a category, its shapes in rows, name and size below each.
+    """Return a contact sheet: each category under its title, in rows; small ones share a row.
 
     Parameters
     ----------
@@ -53,22 +51,58 @@ def sheet(
     opened : cut the shapes open
     """
     total, done = sum(len(s.indices) for s in selections), 0
-    columns = max(1, min(COLUMNS, max(len(s.indices) for s in selections)))
-    bands = []
+    columns = min(COLUMNS, total)
+    rows: list[list[Image]] = [[]]
+    free = columns
     for selection in selections:
         cells = []
         for index, shape in selection.shapes():
-            view = cutaway(shape, selection.role) if opened else View(VIEWS["three-quarter"])
-            lines = [(f"{index}  {_printable(shape.name).removeprefix(f'{index:04d}_')}", INK), (size_of(shape), FAINT)]
-            cells.append(_captioned(render(shape, selection.role, view, CELL, measures), lines))
+            cells.append(_cell(selection.role, index, shape, measures, opened))
             done += 1
             if progress:
                 progress("drawing", done, total)
-        blank = np.full_like(cells[0], BACKGROUND)
-        cells += [blank] * (-len(cells) % columns)
-        rows = [np.concatenate(cells[k : k + columns], axis=1) for k in range(0, len(cells), columns)]
-        bands += [_text_band([(_title(selection), INK)], rows[0].shape[1], TITLE), *rows]
-    return np.concatenate(bands)
+        block = _block(selection, cells, columns)
+        width = block.shape[1] // CELL
+        if width > free or len(cells) > columns:
+            rows.append([])
+            free = columns
+        rows[-1].append(block)
+        free = free - width if len(cells) <= columns else 0
+    return _stacked([_side_by_side(row, columns * CELL) for row in rows if row])
+
+
+def _cell(role: str, index: int, shape: Shape, measures: bool, opened: bool) -> Image:
+    """Return one picture of a sheet with its caption: index, name, size."""
+    view = cutaway(shape, role) if opened else View(VIEWS["three-quarter"])
+    name = _printable(shape.name).removeprefix(f"{index:04d}_")
+    lines = [(f"{index}  {name}", INK, CAPTION), (size_of(shape), FAINT, CAPTION)]
+    return _stacked([render(shape, role, view, CELL, measures), _text_band(lines, CELL)])
+
+
+def _block(selection: Selection, cells: list[Image], columns: int) -> Image:
+    """Return the title of a category and its cells in rows."""
+    wide = min(columns, len(cells))
+    counts = ", ".join(f"{n} {split}" for split, n in selection.splits.items() if n)
+    title = [
+        (_printable(selection.category), INK, TITLE),
+        (f"{selection.role}: {len(cells)} of {counts}", FAINT, CAPTION),
+    ]
+    rows = [_side_by_side(cells[k : k + wide], wide * CELL) for k in range(0, len(cells), wide)]
+    return _stacked([_text_band(title, wide * CELL), *rows])
+
+
+def _side_by_side(images: Sequence[Image], width: int) -> Image:
+    """Return images of one or several heights in a row of the given width."""
+    row = np.full((max(i.shape[0] for i in images), width, 3), BACKGROUND, dtype=np.uint8)
+    x = 0
+    for image in images:
+        row[: image.shape[0], x : x + image.shape[1]] = image
+        x += image.shape[1]
+    return row
+
+
+def _stacked(images: Sequence[Image]) -> Image:
+    return np.concatenate(images)
 
 
 def portrait(selection: Selection, measures: bool = False) -> Image:
@@ -81,18 +115,18 @@ def portrait(selection: Selection, measures: bool = False) -> Image:
         "top": View(VIEWS["top"]),
     }
     cells = [
-        _captioned(render(shape, selection.role, view, PORTRAIT, measures), [(name, FAINT)])
+        _stacked(
+            [render(shape, selection.role, view, PORTRAIT, measures), _text_band([(name, FAINT, CAPTION)], PORTRAIT)]
+        )
         for name, view in views.items()
     ]
-    rows = [np.concatenate(cells[k : k + 2], axis=1) for k in (0, 2)]
-    title = f"{selection.role} {selection.category} {index}, {selection.split_of(index)}: {_printable(shape.name)}"
-    width = rows[0].shape[1]
-    return np.concatenate(
-        [
-            _text_band([(title, INK)], width, TITLE),
-            *rows,
-            _text_band([(line, INK) for line in describe(shape)], width, CAPTION),
-        ]
+    width = 2 * PORTRAIT
+    rows = [_side_by_side(cells[k : k + 2], width) for k in (0, 2)]
+    title = f"{selection.category}: {_printable(shape.name)}"
+    place = f"{selection.role}, {selection.split_of(index)}, index {index}"
+    words = [(line, INK, CAPTION) for line in describe(shape)]
+    return _stacked(
+        [_text_band([(title, INK, TITLE), (place, FAINT, CAPTION)], width), *rows, _text_band(words, width)]
     )
 
 
@@ -130,31 +164,27 @@ def _lengths(metres: Sequence[float]) -> str:
     return " x ".join(f"{factor * m:.1f}" for m in metres) + f" {unit}"
 
 
-def _title(selection: Selection) -> str:
-    counts = ", ".join(f"{n} {split}" for split, n in selection.splits.items() if n)
-    return f"{selection.role} {selection.category}: {len(selection.indices)} of {counts}"
-
-
-def _captioned(picture: Image, lines: Sequence[Line]) -> Image:
-    return np.concatenate([picture, _text_band(lines, picture.shape[1], CAPTION)])
-
-
-def _text_band(lines: Sequence[Line], width: int, height: int) -> Image:
+def _text_band(lines: Sequence[Line], width: int) -> Image:
     """Return a band of the background with lines of text, each shortened to fit."""
-    font = ImageFont.load_default(height)
-    step = round(1.25 * height)
-    band = PillowImage.new("RGB", (width, step * len(lines) + height // 2), BACKGROUND)
+    band = PillowImage.new("RGB", (width, sum(_step(size) for _, _, size in lines) + CAPTION // 2), BACKGROUND)
     draw = ImageDraw.Draw(band)
-    for k, (text, colour) in enumerate(lines):
-        draw.text((height // 2, k * step), _shortened(text, font, width - height), colour, font)
+    y = 0
+    for text, colour, size in lines:
+        font = ImageFont.load_default(size)
+        draw.text((CAPTION // 2, y), _shortened(text, font, width - CAPTION), colour, font)
+        y += _step(size)
     return np.asarray(band)
+
+
+def _step(size: int) -> int:
+    return round(1.25 * size)
 
 
 def _shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
     if font.getlength(text) <= width:
         return text
-    # A name's end tells more than its middle.
-    for kept in range(len(text) - 1, 0, -1):
+    # A name's end tells more than its middle. No letter is narrower than a pixel.
+    for kept in range(min(len(text) - 1, width), 0, -1):
         short = f"{text[: kept - kept // 3]}…{text[len(text) - kept // 3 :]}"
         if font.getlength(short) <= width:
             return short

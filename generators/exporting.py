@@ -28,7 +28,7 @@ MEASURES = "measures.json"
 FRAME = "right-handed, z up, standing on z = 0, front toward +x"
 AXES = {
     "obj": "as the frame",
-    "glb": "y up as glTF demands: the file holds (x, z, -y); measures are in the frame",
+    "glb": "y up, front toward +z, as glTF demands: the file holds (y, z, x) of the frame",
 }
 
 Progress = Callable[[str, int, int], None]

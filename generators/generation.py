@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from eigenbench.errors import DataError, GenerationError, UsageError, choose
 from eigenbench.generators import relabelling, tube
-from eigenbench.generators.library import Library, load_library, open_library, parse_source
+from eigenbench.generators.library import Library, load_library, open_library
 from eigenbench.generators.philox import key_of
+from eigenbench.generators.sources import load_notes, parse_source, split_rule
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
 from eigenbench.records import Arrays, Audit, Recipe
@@ -101,7 +102,7 @@ def generate(
     names = SPLITS if split == "all" else (split,)
     find_task(task)
     choose("split", split, (*SPLITS, "all"))
-    kind, _ = parse_source(shapes)
+    kind = parse_source(shapes).kind
     plans = []
     for name in names:
         size = FULL_SIZE[name] if pairs is None else pairs
@@ -165,8 +166,10 @@ def _generate_split(
         shards=tuple(done[k].entry for k in range(len(jobs))),
         audit=sum((d.audit for d in done.values()), Audit()),
         shapes_source=source,
+        shapes_split=split_rule(source, "object"),
         shapes_used=library.used,
         shapes_refused=library.refused,
+        shapes_notes=load_notes(source, "object", recipe.split),
         versions=library_versions(),
     )
     write_manifest(folder, manifest)

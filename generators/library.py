@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.cache import cache_folder
-from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
-from eigenbench.generators.catalogue import make_shapes
+from eigenbench.errors import DataError, GenerationError, ShapeError
 from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
+from eigenbench.generators.sources import load_shapes, parse_source
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -67,33 +67,19 @@ class Library:
 
 
 def load_library(source: str, split: str, role: str = "object") -> Library:
-    """Build or fetch the shapes of a split and role from `default` or `meshes=DIR`.
+    """Build or fetch the shapes of a split and role from a source, see `sources.parse_source`.
 
     UsageError for another source, ShapeError where no usable shape is left.
     """
-    kind, folder = parse_source(source)
-    if kind == "meshes":
-        from eigenbench.generators.meshes import load_shapes
-
-        return _pack(*load_shapes(folder, role, split))
+    if parse_source(source).kind != "default":
+        return _pack(*load_shapes(source, role, split))
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    library = _pack(make_shapes(role, split), {})
+    library = _pack(*load_shapes(source, role, split))
     write_text_atomically(note, library.path.name)
     return library
-
-
-def parse_source(source: str) -> tuple[str, Path]:
-    """Split `default` or `meshes=DIR` into (kind, folder); UsageError for anything else."""
-    kind, _, folder = source.partition("=")
-    if kind == "default" and not folder:
-        return kind, Path()
-    if kind == "meshes" and folder:
-        return kind, Path(folder).expanduser()
-    msg = f"Shape source '{source}' is not known; use 'default' or 'meshes=DIR'."
-    raise UsageError(msg)
 
 
 def _default_key() -> str:

@@ -16,7 +16,7 @@ Indices = NDArray[np.int64]
 NOTHING = -1
 """Value of the face buffer where there is no surface."""
 
-AMBIENT = 0.50
+AMBIENT = 0.55
 KEY = np.array([-0.55, -0.45, 0.70]), 0.52
 FILL = np.array([0.80, 0.10, 0.59]), 0.20
 """Directions toward the two lights, in the picture's axes, and their strengths."""
@@ -48,9 +48,9 @@ def rasterise(corners: Floats, plane: Floats, width: int, height: int) -> tuple[
     depth = np.full((height, width), -np.inf)
     face = np.full((height, width), NOTHING)
     for f in range(len(corners)):
-        ax, ay = np.int64(np.rint(corners[f, 0, 0] * _GRID)), np.int64(np.rint(corners[f, 0, 1] * _GRID))
-        bx, by = np.int64(np.rint(corners[f, 1, 0] * _GRID)), np.int64(np.rint(corners[f, 1, 1] * _GRID))
-        cx, cy = np.int64(np.rint(corners[f, 2, 0] * _GRID)), np.int64(np.rint(corners[f, 2, 1] * _GRID))
+        ax, ay = int(np.rint(corners[f, 0, 0] * _GRID)), int(np.rint(corners[f, 0, 1] * _GRID))
+        bx, by = int(np.rint(corners[f, 1, 0] * _GRID)), int(np.rint(corners[f, 1, 1] * _GRID))
+        cx, cy = int(np.rint(corners[f, 2, 0] * _GRID)), int(np.rint(corners[f, 2, 1] * _GRID))
         da, db, dc = corners[f, 0, 2], corners[f, 1, 2], corners[f, 2, 2]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if area == 0:
@@ -108,7 +108,7 @@ def shade(depth: Floats, face: Indices, normals: Floats, offsets: Indices, colou
     step : a jump in depth by more than this is drawn as a line
     """
     height, width = depth.shape
-    side = np.int64(np.sqrt(len(offsets)))
+    side = int(np.sqrt(len(offsets)))
     section = len(normals) - 1
     picture = np.zeros((height, width, 3))
     for row in range(height):
@@ -137,7 +137,8 @@ def blocked(depth: Floats, face: Indices, normals: Floats, row: int, column: int
     sine of the angle at which each neighbour rises above the pixel's own plane.
     """
     height, width = depth.shape
-    total, here, f = 0.0, depth[row, column], face[row, column]
+    total = 0.0
+    here, f = depth[row, column], face[row, column]
     slope = max(normals[f, 2], _STEEP)
     fall_x, fall_y = normals[f, 0] / slope, normals[f, 1] / slope
     for k in range(offsets.shape[1]):
@@ -149,7 +150,7 @@ def blocked(depth: Floats, face: Indices, normals: Floats, row: int, column: int
                 # What stands far in front is another thing, whose shadow falls elsewhere.
                 far = max(0.0, rise / reach - 2.0)
                 total += rise / np.sqrt(rise * rise + reach * reach) / (1.0 + far * far)
-    return total / offsets.shape[1]
+    return float(total / offsets.shape[1])
 
 
 @kernel

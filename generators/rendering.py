@@ -40,7 +40,7 @@ VIEWS: dict[str, Vector] = {
 """Directions toward the viewer."""
 
 BACKGROUND = (250, 250, 248)
-SECTION = (203, 98, 74)
+SECTION = (214, 116, 88)
 LINE = (38, 42, 50)
 MATERIAL = {"object": (222, 208, 184), "environment": (198, 210, 222), "mug": (204, 216, 196)}
 """Colour of a surface, by role."""
@@ -180,7 +180,7 @@ def _offsets(pixels: int) -> NDArray[np.int64]:
     reach = np.array([0.03, 0.09]) * pixels
     x, y = (f(turn)[..., None] * reach for f in (np.cos, np.sin))
     # Rounding to whole pixels also hides the last bits of cos and sin.
-    return np.rint(np.stack([x, y], axis=-1)).astype(np.int64).reshape(sets, 8, 2)
+    return np.asarray(np.rint(np.stack([x, y], axis=-1)).reshape(sets, 8, 2), dtype=np.int64)
 
 
 def outlines(measures: Measures) -> Iterable[tuple[Points, tuple[int, int, int]]]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from eigenbench.errors import ShapeError, UsageError, choose
 from eigenbench.generators.catalogue import COUNTS, indices, make_shape
-from eigenbench.generators.library import parse_source
 from eigenbench.generators.shapes import ROLES, Shape
+from eigenbench.generators.sources import load_shapes, parse_source
 from eigenbench.tasks import SPLITS
 
 
@@ -80,8 +80,7 @@ def open_source(source: str) -> Shelf:
 
     UsageError for an unknown source, ShapeError where it holds no usable shape.
     """
-    kind, _ = parse_source(source)
-    if kind == "default":
+    if source == "default":
         keys = [(r, c) for r in ROLES for c in sorted({*COUNTS[r]["train"], *COUNTS[r]["test"]})]
         return Shelf({(r, c): {s: len(indices(r, s, c)) for s in SPLITS} for r, c in keys}, {}, {})
     counts: dict[tuple[str, str], dict[str, int]] = {}
@@ -90,7 +89,7 @@ def open_source(source: str) -> Shelf:
     troubles = []
     for role, split in ((r, s) for r in ROLES for s in SPLITS):
         try:
-            found, bad = _load(source, role, split)
+            found, bad = load_shapes(source, role, split)
         except ShapeError as error:
             troubles.append(error)
             continue
@@ -103,16 +102,6 @@ def open_source(source: str) -> Shelf:
     if not shapes:
         raise troubles[0]
     return Shelf(dict(sorted(counts.items(), key=lambda c: (ROLES.index(c[0][0]), c[0][1]))), shapes, refused)
-
-
-def _load(source: str, role: str, split: str) -> tuple[list[Shape], dict[str, str]]:
-    """Read the shapes of one role and split of an external source."""
-    from eigenbench.generators.meshes import load_shapes
-
-    if role != "object":  # folders of meshes hold objects only, so far
-        msg = f"{source} holds no shapes of role {role}."
-        raise ShapeError(msg)
-    return load_shapes(parse_source(source)[1], role, split)
 
 
 def select(

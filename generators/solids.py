@@ -140,11 +140,13 @@ def minus(mesh: Mesh, *others: Mesh) -> Mesh:
     return carved([mesh], others)
 
 
-def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = ()) -> Mesh:
-    """Return the union of the parts without the union of the holes."""
+def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = (), fittings: Sequence[Mesh] = ()) -> Mesh:
+    """Return the union of the parts, without the holes, united with the fittings."""
     total = Manifold.batch_boolean([_to_manifold(part) for part in parts], OpType.Add)
     if holes:
-        total = Manifold.batch_boolean([total, *(_to_manifold(hole) for hole in holes)], OpType.Subtract)
+        total = Manifold.batch_boolean([total, *map(_to_manifold, holes)], OpType.Subtract)
+    if fittings:
+        total = Manifold.batch_boolean([total, *map(_to_manifold, fittings)], OpType.Add)
     return _from_manifold(total)
 
 
@@ -169,16 +171,6 @@ def _from_manifold(solid: Manifold) -> Mesh:
     # Keep the vertices as they come: merging near-duplicates would open the surface.
     mesh = solid.to_mesh64()
     return Mesh(np.array(mesh.vert_properties[:, :3]), np.asarray(mesh.tri_verts, dtype=np.int64))
-
-
-def carved(solids: list[Mesh], voids: list[Mesh], fittings: list[Mesh]) -> Mesh:
-    """Return (union of solids, without the voids) united with the fittings."""
-    body = Manifold.batch_boolean([_to_manifold(m) for m in solids], OpType.Add)
-    if voids:
-        body = Manifold.batch_boolean([body, *map(_to_manifold, voids)], OpType.Subtract)
-    if fittings:
-        body = Manifold.batch_boolean([body, *map(_to_manifold, fittings)], OpType.Add)
-    return _from_manifold(body)
 
 
 def pierced(outer: Points, inner: Points, section: Points, holes: NDArray[np.bool_]) -> Mesh:

@@ -194,3 +194,65 @@ def _top_error(found: Top | None, truth: Top | None) -> float:
         return np.inf
     extents = np.abs(np.ptp(found.outline, axis=0) / np.ptp(truth.outline, axis=0) - 1.0)
     return float(max(extents.max(), abs(loop_area(found.outline) / loop_area(truth.outline) - 1.0)))
+
+
+BOUNDS = {"cavity": 0.01, "inhabited": 0.0, "top": 0.01, "gap": 0.02, "ball": 1e-6, "circle": 1e-6}
+"""What each error should stay below."""
+
+
+def summarise(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Return the distribution of each error over the shapes that have that measure.
+
+    Keys: measure, shapes, median, p99 (99th percentile), worst, bound, within (share at or below the bound).
+    """
+    rows = []
+    for measure, bound in BOUNDS.items():
+        errors = np.array([f.errors[measure] for f in findings if measure in f.errors])
+        if not len(errors):
+            continue
+        median, p99 = np.quantile(errors, [0.5, 0.99], method="higher")
+        within = float(np.mean(errors <= bound))
+        numbers = {"median": median, "p99": p99, "worst": errors.max(), "bound": bound, "within": within}
+        rows.append({"measure": measure, "shapes": len(errors), **{k: float(v) for k, v in numbers.items()}})
+    return rows
+
+
+def as_markdown(findings: Sequence[Finding]) -> str:
+    """Return what was measured as a Markdown table, one row a shape; lengths over the shape's longest side."""
+    head = ("role", "shape", "faces", "closed", "measured", "s")
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for f in findings:
+        cells = (f.role, f"{f.category}/{f.name}", f"{f.faces:,}", "yes" if f.closed else "no", in_words(f), f"{f.seconds:.2f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def in_words(finding: Finding) -> str:
+    """Say what was measured on a shape, lengths as shares of its longest side."""
+    if finding.refused is not None:
+        return f"refused: {finding.refused}"
+    longest = max(finding.extents)
+    words = []
+    if finding.role == "environment":
+        words = [_cavities_in_words(finding.found.cavities, longest), _top_in_words(finding.found.top, longest)]
+    if finding.found.handle is not None:
+        words.append(f"handle gap {2 * finding.found.handle.radius / longest:.3f}")
+    words.append(f"ball {finding.ball / longest:.3f}, circle {finding.circle / longest:.3f}")
+    return "; ".join(words)
+
+
+def _cavities_in_words(cavities: tuple[Cavity, ...], longest: float) -> str:
+    if not cavities:
+        return "no interior"
+    x, y, z = (size / longest for size in cavities[0].sizes)
+    kind = "drum" if cavities[0].axis is not None else "box"
+    inside = ", inhabited" if cavities[0].inhabited else ""
+    number = "1 cavity" if len(cavities) == 1 else f"{len(cavities)} cavities, the largest"
+    return f"{number} a {kind} {x:.3f} x {y:.3f} x {z:.3f}{inside}"
+
+
+def _top_in_words(top: Top | None, longest: float) -> str:
+    if top is None:
+        return "no top"
+    x, y = np.ptp(top.outline, axis=0) / longest
+    return f"top {x:.3f} x {y:.3f}, {len(top.outline)} corners"

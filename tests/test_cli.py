@@ -92,12 +92,12 @@ def test_mesh_folder_errors(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
     argument = ("generate", "--task", "tube", "--pairs", 5, "--split", "train", "--shapes", f"meshes={folder}")
-    fails("holds no object meshes", *argument, cwd=tmp_path)
+    fails("holds no shapes for meshes=", *argument, cwd=tmp_path)
     (folder / "mug").mkdir()
-    fails("holds no object meshes", *argument, cwd=tmp_path)
+    fails("holds no shapes for meshes=", *argument, cwd=tmp_path)
     for name, text in (("bad.stl", "solid nothing"), ("bad.glb", "glTF"), ("bad.obj", ""), ("bad.ply", "ply\nbroken")):
         (folder / "mug" / name).write_text(text)
-        fails(rf"None of the 1 train meshes .* mug/{name}: ", *argument, cwd=tmp_path)
+        fails(rf"None of the 1 train object shapes .* mug/{name}: ", *argument, cwd=tmp_path)
         (folder / "mug" / name).unlink()
     assert not (tmp_path / "data").exists()
 

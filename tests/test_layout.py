@@ -16,7 +16,7 @@ from eigenbench.shard_format import FIELDS, FILES, REASONS, fields_of
 
 FOLDERS = {"benchmark": "eigenbench", "generators": "eigenbench.generators"}
 FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
-HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich")
+HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
 
 
 def imports_of(path: Path) -> set[str]:
@@ -49,7 +49,7 @@ def test_cli_imports_inside_its_commands():
 
 
 def test_engines_live_behind_one_module_each():
-    """python-fcl, manifold3d, trimesh, numba and h5py are imported by one module each."""
+    """python-fcl, manifold3d, trimesh, numba, h5py and Pillow are imported by one module each."""
     homes: dict[str, set[str]] = {}
     for folder in FOLDERS:
         for path in (ROOT / folder).glob("*.py"):
@@ -60,6 +60,7 @@ def test_engines_live_behind_one_module_each():
                     homes.setdefault(module.split(".")[0], set()).add(path.name)
     expected = {"fcl": "fcl_engine.py", "manifold3d": "solids.py", "trimesh": "meshes.py"}
     expected |= {"numba": "compiled.py", "h5py": "shards.py", "torch": "model_host.py"}
+    expected |= {"PIL": "contact_sheets.py"}
     for engine, home in expected.items():
         assert homes[engine] == {home}
 
@@ -134,9 +135,12 @@ def test_readme_names_the_commands_that_exist():
     """README and DATA.md mention no command that the program lacks, and every example file exists."""
     from eigenbench.cli import app
 
+    groups = {group.name: group.typer_instance for group in app.registered_groups}
     known = {(c.name or c.callback.__name__) for c in app.registered_commands}
+    known |= {f"{name} {c.name}" for name, group in groups.items() for c in group.registered_commands}
     text = (ROOT / "README.md").read_text() + (ROOT / "DATA.md").read_text()
-    used = set(re.findall(r"^(?:\$ )?eigenbench (\w+)", text, re.M))
+    words = re.findall(r"^(?:\$ )?eigenbench (\w+)(?: (\w+))?", text, re.M)
+    used = {f"{first} {second}" if first in groups else first for first, second in words}
     assert used <= known
     assert known <= used
     for name in re.findall(r"examples/([a-z_]+\.py)", text):

@@ -10,8 +10,10 @@ from eigenbench.errors import ShapeError
 from eigenbench.generators.deep import verify_deep
 from eigenbench.generators.generation import generate
 from eigenbench.generators.library import load_library, normalise
-from eigenbench.generators.meshes import load_shapes, read_mesh, split_of
+from eigenbench.generators.listing import split_of
+from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.shapes import Shape
+from eigenbench.generators.sources import load_shapes
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "glb", "gltf", "ply", "off"])
@@ -87,14 +89,14 @@ def test_layout_of_folders(tmp_path):
     shapes = []
     for split in ("train", "test"):
         try:
-            shapes += load_shapes(tmp_path / "m", "object", split)[0]
+            shapes += load_shapes(f"meshes={tmp_path / 'm'}", "object", split)[0]
         except ShapeError:
             continue
     assert {s.category for s in shapes} == {"trash_can", "box", "uncategorised", "odd_thing"}
     for place in ("object/table/x.obj", "environment/box/y.obj"):
         write_obj(tmp_path / "r" / place, cube)
     by_split = split_of("table", "x.obj")
-    assert [s.category for s in load_shapes(tmp_path / "r", "object", by_split)[0]] == ["table"]
+    assert [s.category for s in load_shapes(f"meshes={tmp_path / 'r'}", "object", by_split)[0]] == ["table"]
 
 
 def test_split_rule():

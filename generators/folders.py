@@ -1,0 +1,127 @@
+"""`meshes=DIR`: a user's own folder of meshes, one file a shape.
+
+Layout: `DIR/<category>/*.{obj,stl,glb,gltf,ply,off}`, in any unit, watertight or not. Folders named as an environment
+category (except `box`) hold environments, all others objects, unless `DIR/object/` and `DIR/environment/` say so.
+Files that lie in DIR itself form the category `uncategorised`.
+
+Only glTF fixes its up axis (y). Nothing in the other formats tells it, and no rule guesses it safely: it is z unless
+the user says otherwise (`up=y`, or a JSON object of patterns, `up=FILE` or `DIR/up.json`).
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+
+from eigenbench.errors import ShapeError
+from eigenbench.generators.catalogue import ENVIRONMENTS
+from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, no_notes, subfolders
+from eigenbench.generators.meshes import SUFFIXES, read_mesh
+from eigenbench.generators.solids import Mesh
+
+LAYOUT = f"<category>/*.{{{','.join(s[1:] for s in SUFFIXES)}}}"
+COLUMNS = {"z": [0, 1, 2], "y": [2, 0, 1], "x": [1, 2, 0]}
+"""By a file's up axis, the columns of (x, y, z) with z up; cyclic, so nothing is mirrored, and glTF's front, +z,
+becomes +x."""
+UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
+"""Formats that fix their up axis (glTF 2.0, section 3.4)."""
+UP_FILE = "up.json"
+UNSTATED = "up axis not stated: z was taken; pass up=y, or list the file in up.json, if it lies on its side"
+
+
+@dataclass(frozen=True, slots=True)
+class UpAxes:
+    """Which axis of each file points up: the first pattern that its path below DIR matches, its format, the rest."""
+
+    patterns: dict[str, str]
+    rest: str
+
+    def of(self, place: str) -> tuple[str, bool]:
+        """Return the up axis of the file at `place`, its path below DIR with forward slashes, and if it is stated."""
+        told = [axis for pattern, axis in self.patterns.items() if fnmatchcase(place, pattern)]
+        axis = (told or [UP_OF_SUFFIX.get(Path(place).suffix.lower(), self.rest)])[0]
+        return axis or "z", bool(axis)
+
+
+def list_meshes(folder: Path, up: str = "") -> Listing:
+    """List the mesh files of a folder; ShapeError where it does not exist or its up axes are misstated."""
+    found = [(role, category, path) for role in ("object", "environment") for category, path in _files(folder, role)]
+    places = {path: path.relative_to(folder).as_posix() for _, _, path in found}
+    axes = read_up_axes(folder, up, list(places.values()))
+    entries = []
+    for role, category, path in found:
+        axis, stated = axes.of(places[path])
+        read, notes = partial(read_upright, path, axis), no_notes if stated else partial(str, UNSTATED)
+        # Objects are turned by every task, so that their up axis does not matter; mugs of the mug task stand.
+        entries.append(Entry(category, path.name, path, (role,), read, no_notes if role == "object" else notes))
+        if (role, category) == ("object", "mug"):
+            entries.append(Entry(category, path.name, path, ("mug",), read, notes))
+    return Listing(entries)
+
+
+def read_upright(path: Path, up: str) -> Mesh:
+    """Read one mesh file whose axis `up` points up, and turn that to z."""
+    mesh = read_mesh(path)
+    return Mesh(mesh.vertices[:, COLUMNS[up]], mesh.faces)
+
+
+def category_of(folder: str) -> str:
+    """Return the category of a folder's name: 'Trash Can' is trash_can."""
+    return re.sub(r"[\s-]+", "_", folder.strip()).lower()
+
+
+def holds_meshes(folder: Path) -> bool:
+    """Say whether a folder has the layout of `meshes=DIR`."""
+    return bool(_files(folder, "object") or _files(folder, "environment"))
+
+
+def _files(folder: Path, role: str) -> list[tuple[str, Path]]:
+    """Return (category, file) of every mesh of a role."""
+    categories = subfolders(folder)
+    root = folder / role
+    told = root in categories
+    if told:
+        categories = subfolders(root)
+    files = [("uncategorised", p) for p in _meshes(root)] if told else []
+    if not told and role == "object":
+        files = [("uncategorised", p) for p in _meshes(folder)]
+    for sub in categories:
+        category = category_of(sub.name)
+        named = "environment" if category in ENVIRONMENTS and category != "box" else "object"
+        if told or (named == role and category not in ("object", "environment")):
+            files += [(category, p) for p in _meshes(sub)]
+    return files
+
+
+def _meshes(folder: Path) -> list[Path]:
+    return [p for p in contents(folder) if p.suffix.lower() in SUFFIXES and p.is_file()]
+
+
+def read_up_axes(folder: Path, option: str, places: list[str]) -> UpAxes:
+    """Read what the user states: `option` is "", x, y, z or the name of a JSON file; without a file, DIR/up.json.
+
+    The file holds one object, `{"mug/kenney_*.obj": "y", ...}`. ShapeError if it is malformed, or a pattern matches no
+    file: a mistyped one would leave shapes lying on their side.
+    """
+    named = option not in ("", *COLUMNS)
+    rest, file = "" if named else option, expand(option) if named else folder / UP_FILE
+    if not is_file(file):
+        if not named:
+            return UpAxes({}, rest)
+        msg = f"Up axis '{option[:200]}' is neither x, y or z nor a JSON file of patterns that exists."
+        raise ShapeError(msg)
+    try:
+        patterns = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        msg = f'{file} cannot be read: {error}. Expected one JSON object such as {{"mug/*.obj": "y"}}.'
+        raise ShapeError(msg) from error
+    if not isinstance(patterns, dict) or not all(isinstance(a, str) and a in COLUMNS for a in patterns.values()):
+        msg = f'{file} must hold one JSON object from patterns to x, y or z, such as {{"mug/*.obj": "y"}}.'
+        raise ShapeError(msg)
+    for pattern in patterns:
+        if not any(fnmatchcase(place, pattern) for place in places):
+            msg = f"Pattern '{pattern}' in {file} matches no mesh of {folder}; patterns are paths below it."
+            raise ShapeError(msg)
+    return UpAxes(patterns, rest)
