@@ -43,18 +43,18 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "top_freezer": Kind((0.55, 0.78), (0.52, 0.68), (1.4, 1.8), ((0.66, 0.74, ("cooler",)), (0.26, 0.34,
         ("freezer",))), weight=1.8),
+    "upright_freezer": Kind((0.55, 0.65), (0.55, 0.64), (1.2, 1.85), ((1.0, 1.0, ("baskets",)),), weight=0.5),
+    "side_by_side": Kind((0.85, 0.95), (0.6, 0.7), (1.7, 1.82), ((1.0, 1.0, ("shelved", "cooler")),), weight=1.5),
     "bottom_freezer": Kind((0.55, 0.7), (0.55, 0.66), (1.6, 2.05), ((0.32, 0.42, ("baskets",)), (0.58, 0.68,
         ("cooler",))), weight=1.5),
-    "side_by_side": Kind((0.85, 0.95), (0.6, 0.7), (1.7, 1.82), ((1.0, 1.0, ("shelved", "cooler")),), weight=1.5),
     "french_door": Kind((0.75, 0.95), (0.6, 0.72), (1.7, 1.85), ((0.3, 0.38, ("freezer",)), (0.62, 0.7, ("cooler",))),
         leaves=2, weight=1.2),
-    "single_door": Kind((0.5, 0.65), (0.52, 0.62), (0.82, 1.85), ((1.0, 1.0, ("cooler",)),), weight=1.3),
-    "ice_box": Kind((0.5, 0.6), (0.52, 0.62), (0.82, 1.45), ((1.0, 1.0, ("ice_box",)),)),
-    "mini_bar": Kind((0.38, 0.48), (0.38, 0.48), (0.48, 0.7), ((1.0, 1.0, ("bar",)),), weight=0.6),
-    "upright_freezer": Kind((0.55, 0.65), (0.55, 0.64), (1.2, 1.85), ((1.0, 1.0, ("baskets",)),), weight=0.5),
     "wine_cooler": Kind((0.4, 0.6), (0.5, 0.6), (0.82, 1.6), ((1.0, 1.0, ("bottles",)),), weight=0.8),
+    "single_door": Kind((0.5, 0.65), (0.52, 0.62), (0.82, 1.85), ((1.0, 1.0, ("cooler",)),), weight=1.3),
+    "mini_bar": Kind((0.38, 0.48), (0.38, 0.48), (0.48, 0.7), ((1.0, 1.0, ("bar",)),), weight=0.6),
+    "ice_box": Kind((0.5, 0.6), (0.52, 0.62), (0.82, 1.45), ((1.0, 1.0, ("ice_box",)),)),
 }  # fmt: skip
-"""The kinds with doors in front; the chest freezer has a maker of its own."""
+"""The kinds with doors in front, in an order in which each occurs; the chest freezer has its own maker."""
 CHEST_WEIGHT = 1.2
 
 
