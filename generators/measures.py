@@ -258,7 +258,7 @@ def largest_rectangle(polygon: Points) -> tuple[Points, Points]:
 
     Branch and bound over the left and right side. Between vertices the highest and lowest free y are linear
     in either, so each cell has a bound that is exact to second order. Exact where all edges are parallel to
-    an axis, else the area is the largest to 1e-9.
+    an axis, else the area is the largest to 1e-7.
     """
     low, size = polygon.min(axis=0), float(np.max(np.ptp(polygon, axis=0)))
     starts = (polygon - low) / size
@@ -408,7 +408,7 @@ def _rectangle(starts: Points, ends: Points, stops: Points) -> Points:
             area = (found[2] - found[0]) * (found[3] - found[1])
             if area > best_area:
                 best_area, best = area, found
-            if bound > best_area * (1.0 + 1e-9):
+            if bound > best_area * (1.0 + 1e-7):
                 side = 0 if cell[1] - cell[0] > cell[3] - cell[2] else 2
                 middle = (cell[side] + cell[side + 1]) / 2
                 halves[count], halves[count + 1] = cell, cell
