@@ -8,7 +8,7 @@ from eigenbench.generators.compiled import kernel
 Floats = NDArray[np.float64]
 Mask = NDArray[np.uint8]
 
-PIXELS = 192
+PIXELS = 160
 """Pixels along a side of the grid, which spans one unit about the origin."""
 _EDGE = 3
 """Pixels between the unit square and the grid's border, so that the outside is connected."""
@@ -36,51 +36,64 @@ def silhouette(vertices: Floats, faces: NDArray[np.int64], frame: Floats) -> Mas
             flat[i, k] = (value + 0.5) * PIXELS + _EDGE
     mask = np.zeros((n, n), dtype=np.uint8)
     for f in range(len(faces)):
-        _fill(mask, flat[faces[f, 0]], flat[faces[f, 1]], flat[faces[f, 2]])
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        _fill(mask, flat[a, 0], flat[a, 1], flat[b, 0], flat[b, 1], flat[c, 0], flat[c, 1])
     _flood(mask)
     return mask
 
 
 @kernel
-def _fill(mask: Mask, a: Floats, b: Floats, c: Floats) -> None:
+def _fill(mask: Mask, ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> None:
     """Mark all pixels that a triangle touches: in each row, from the least to the greatest x within it."""
-    first, last = int(min(a[1], b[1], c[1])), int(max(a[1], b[1], c[1]))
-    left, right = int(min(a[0], b[0], c[0])), int(max(a[0], b[0], c[0]))
+    first, last = int(min(ay, by, cy)), int(max(ay, by, cy))
+    left, right = int(min(ax, bx, cx)), int(max(ax, bx, cx))
     if first == last or left == right:
-        mask[first : last + 1, left : right + 1] = SOLID
+        for row in range(first, last + 1):
+            for column in range(left, right + 1):
+                mask[row, column] = SOLID
         return
     for row in range(first, last + 1):
-        low, high = np.inf, -np.inf
-        for k in range(3):
-            p, q = (a, b) if k == 0 else ((b, c) if k == 1 else (c, a))
-            if p[1] > q[1]:
-                p, q = q, p
-            if q[1] < row or p[1] > row + 1:
-                continue
-            start, end = p[0], q[0]
-            if p[1] < row:
-                start = p[0] + (row - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
-            if q[1] > row + 1:
-                end = p[0] + (row + 1 - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
-            low, high = min(low, start, end), max(high, start, end)
+        low, high = _within_row(row, ax, ay, bx, by, np.inf, -np.inf)
+        low, high = _within_row(row, bx, by, cx, cy, low, high)
+        low, high = _within_row(row, cx, cy, ax, ay, low, high)
         if low <= high:
-            mask[row, int(low) : int(high) + 1] = SOLID
+            for column in range(int(low), int(high) + 1):
+                mask[row, column] = SOLID
+
+
+@kernel
+def _within_row(
+    row: int, px: float, py: float, qx: float, qy: float, low: float, high: float
+) -> tuple[float, float]:
+    """Return the interval low..high widened by the x of the part of an edge that lies in a row."""
+    if py > qy:
+        px, py, qx, qy = qx, qy, px, py
+    if qy < row or py > row + 1:
+        return low, high
+    start, end = px, qx
+    if py < row:
+        start = px + (row - py) / (qy - py) * (qx - px)
+    if qy > row + 1:
+        end = px + (row + 1 - py) / (qy - py) * (qx - px)
+    return min(low, start, end), max(high, start, end)
 
 
 @kernel
 def _flood(mask: Mask) -> None:
     """Mark the free pixels that are connected to the border by their sides."""
     n = len(mask)
-    stack, top = np.zeros((n * n, 2), dtype=np.int64), 1
-    mask[0, 0] = OUTSIDE
+    pixels = mask.ravel()
+    stack, top = np.zeros(n * n, dtype=np.int64), 1
+    pixels[0] = OUTSIDE
     while top > 0:
         top -= 1
-        i, j = stack[top]
-        for k in range(4):
-            r, c = i + (k == 0) - (k == 1), j + (k == 2) - (k == 3)
-            if 0 <= r < n and 0 <= c < n and mask[r, c] == FREE:
-                mask[r, c] = OUTSIDE
-                stack[top, 0], stack[top, 1] = r, c
+        here = stack[top]
+        for step in (-n, -1, 1, n):
+            # Steps off one end of a row land on the other, which is outside as well.
+            there = here + step
+            if 0 <= there < n * n and pixels[there] == FREE:
+                pixels[there] = OUTSIDE
+                stack[top] = there
                 top += 1
 
 
