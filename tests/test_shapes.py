@@ -69,9 +69,9 @@ def _inside_handle(shape, spots):
     turned = shape.mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]
     solid = Manifold(Mesh64(np.ascontiguousarray(turned), shape.mesh.faces.astype(np.uint64)))
     holes = [np.array(p) for p in solid.project().to_polygons() if _area(np.array(p)) < 0]
-    from eigenbench.generators.measures import _depth
+    from eigenbench.generators.measures import depth
 
-    return np.any([_depth(spots, hole) > 0 for hole in holes], axis=0)
+    return np.array([any(depth(x, y, h, np.roll(h, -1, axis=0)) > 0 for h in holes) for x, y in spots])
 
 
 def _area(polygon):
