@@ -30,6 +30,8 @@ _STEP = math.radians(7.5)
 _COARSE_STEP = math.radians(15.0)
 _MANY_FACES = 200_000
 """Larger meshes are surveyed in fewer directions; the search from there is the same."""
+_TIE = 1e-3
+"""Of passages whose radii differ by less, the straightest to y, or the most level, is taken."""
 _STARTS = 6
 _MOVES = 60
 _ROUGH, _FINE = 2e-3, 1e-6
@@ -76,11 +78,15 @@ def _widest_passage(mesh: Mesh, limits: Floats) -> HandleGap | None:
     frames = _frames(_STEP if len(mesh.faces) <= _MANY_FACES else _COARSE_STEP, limits)
     holes = survey(unit, mesh.faces, frames)
     edges = unit[_edges(mesh.faces)]
-    lines = [(frames[k, 2], holes[k, 1] * frames[k, 0] + holes[k, 2] * frames[k, 1]) for k in _apart(holes, frames)]
+    lines = [
+        (frames[k, 2], holes[k, 1] * frames[k, 0] + holes[k, 2] * frames[k, 1]) for k in _apart(holes, frames, limits)
+    ]
     rough = [_widen(unit, mesh.faces, edges, eye, point, limits, _ROUGH) for eye, point in lines]
     if not rough:
         return None
-    axis, point, _ = max(rough, key=lambda line: line[2])
+    widest = max(radius for _, _, radius in rough)
+    ties = [line for line in rough if line[2] >= widest * (1 - _TIE)]
+    axis, point, _ = max(ties, key=lambda line: _room(line[0], limits))
     axis, point, radius = _widen(unit, mesh.faces, edges, axis, point, limits, _FINE)
     if radius < LEAST_HOLE:
         return None
@@ -88,6 +94,11 @@ def _widest_passage(mesh: Mesh, limits: Floats) -> HandleGap | None:
     through = middle + size * point
     centre = through + axis * np.dot(_centroid(mesh) - through, axis)
     return HandleGap(_vector(centre), _vector(axis), float(size * radius))
+
+
+def _room(axis: Floats, limits: Floats) -> float:
+    """Return how far a direction is from the limits: greatest along y, or where it is level."""
+    return float(np.min(limits[:, 3] - limits[:, :3] @ axis))
 
 
 def _vector(values: Floats) -> tuple[float, float, float]:
@@ -125,10 +136,15 @@ def _frames(step: float, limits: Floats) -> Floats:
     return np.array(frames)
 
 
-def _apart(holes: Floats, frames: Floats) -> list[int]:
-    """Return the views of the widest holes that lie well apart, in direction or in place, widest first."""
+def _apart(holes: Floats, frames: Floats, limits: Floats) -> list[int]:
+    """Return the views of the widest holes that lie well apart, in direction or in place; the straightest view first."""
+    order = np.argsort(-holes[:, 0], kind="stable")
+    room = np.array([_room(frame[2], limits) for frame in frames[order]])
+    straight = order[room >= room.max() - 1e-9][:1]
     chosen: list[int] = []
-    for k in np.argsort(-holes[:, 0], kind="stable"):
+    for k in np.concatenate([straight, order]):
+        if holes[k, 0] == 0.0 and k == straight[0]:
+            continue
         if holes[k, 0] == 0.0 or len(chosen) == _STARTS:
             break
         point = holes[k, 1] * frames[k, 0] + holes[k, 2] * frames[k, 1]
@@ -180,7 +196,9 @@ def _clearances(edges: Floats, frame: Floats, point: Floats, clearance: Floats) 
 
 
 @kernel
-def _step(clearance: Floats, frame: Floats, limits: Floats, reach: float) -> tuple[Floats, Floats, float]:
+def _step(
+    clearance: Floats, frame: Floats, limits: Floats, reach: float, turning: bool
+) -> tuple[Floats, Floats, float]:
     """Return the best small change of (eye, point), and the clearance it promises.
 
     A line that turns by t and moves by s gives way by s + depth * t at each nearest point. Turns are
@@ -194,7 +212,7 @@ def _step(clearance: Floats, frame: Floats, limits: Floats, reach: float) -> tup
         values[i] = distance
         for k in range(4):
             toward = -(x if k % 2 == 0 else y) / max(distance, 1e-300)
-            gradients[i, k] = toward * (2.0 * deep if k < 2 else 1.0)
+            gradients[i, k] = toward * ((2.0 * deep if turning else 0.0) if k < 2 else 1.0)
     walls = np.zeros((len(limits), 5))
     for i in range(len(limits)):
         walls[i, 4] = limits[i, 3]
@@ -211,6 +229,8 @@ def _step(clearance: Floats, frame: Floats, limits: Floats, reach: float) -> tup
             height += gradients[i, k] * shift[k]
         promised = min(promised, height)
     turn = 2.0 * shift[0] * frame[0] + 2.0 * shift[1] * frame[1]
+    if not turning:
+        turn[:] = 0.0
     return turn, shift[2] * frame[0] + shift[3] * frame[1], promised
 
 
@@ -244,16 +264,20 @@ def _widen(
     """Move a line within its hole to where its distance to the nearest edge is greatest.
 
     Sequential linear programming with a trust region. No step is longer than a quarter of the clearance,
-    so the line never crosses material; a step that would open the hole is not taken.
+    so the line never crosses material; a step that would open the hole is not taken. The line turns only
+    once it gains nothing by shifts, so that it stays straight where turning is no gain.
     """
     frame = _across(eye)
     clearance = _clearances(edges, frame, point, np.zeros((len(edges), 4)))
     radius = np.min(clearance[:, 0])
-    reach = radius / 8.0
+    reach, turning = radius / 8.0, False
     for _ in range(_MOVES):
-        turn, move, promised = _step(clearance, frame, limits, min(reach, radius / 4.0))
+        turn, move, promised = _step(clearance, frame, limits, min(reach, radius / 4.0), turning)
         if promised <= radius * (1.0 + least_gain) or reach < 1e-8:
-            break
+            if turning:
+                break
+            turning, reach = True, radius / 8.0
+            continue
         new_frame, new_point = _across(_turned(frame[2], turn, limits)), point + move
         clearance = _clearances(edges, new_frame, new_point, clearance)
         wider = np.min(clearance[:, 0])

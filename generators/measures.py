@@ -145,7 +145,10 @@ def largest_inscribed_circle(polygon: Points, *holes: Points) -> tuple[Points, f
     starts, ends = np.concatenate(loops), np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
     real = np.any(starts != ends, axis=1)
     half = float(np.min(high - low)) / size / 4
-    steps = [np.arange(a + half, b + half, 2 * half) for a, b in zip(*((low - middle) / size, (high - middle) / size), strict=True)]
+    steps = [
+        np.arange(a + half, b + half, 2 * half)
+        for a, b in zip(*((low - middle) / size, (high - middle) / size), strict=True)
+    ]
     squares = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
     centre, radius = _circle(starts[real], ends[real], squares, half)
     return middle + size * centre, size * radius
@@ -314,7 +317,9 @@ def _height_at(edge: int, x: float, starts: Points, ends: Points) -> float:
 
 
 @kernel
-def _side_slopes(edge: int, sign: float, left: float, right: float, starts: Points, ends: Points) -> tuple[float, float]:
+def _side_slopes(
+    edge: int, sign: float, left: float, right: float, starts: Points, ends: Points
+) -> tuple[float, float]:
     """Return how the end of a free interval moves with the strip's left and right side; sign 1 for its upper end."""
     sx, ex = starts[edge, 0], ends[edge, 0]
     if sx == ex:
@@ -397,7 +402,12 @@ def _rectangle(starts: Points, ends: Points, stops: Points) -> Points:
     cells, count = np.zeros((n * (n - 1) // 2 + n, 4)), 0
     for i in range(n - 1 if slanted else 0):
         for j in range(i, n - 1):
-            cells[count, 0], cells[count, 1], cells[count, 2], cells[count, 3] = stops[i], stops[i + 1], stops[j], stops[j + 1]
+            cells[count, 0], cells[count, 1], cells[count, 2], cells[count, 3] = (
+                stops[i],
+                stops[i + 1],
+                stops[j],
+                stops[j + 1],
+            )
             count += 1
     cells = cells[:count]
     while len(cells) > 0:

@@ -62,9 +62,7 @@ def _fill(mask: Mask, ax: float, ay: float, bx: float, by: float, cx: float, cy:
 
 
 @kernel
-def _within_row(
-    row: int, px: float, py: float, qx: float, qy: float, low: float, high: float
-) -> tuple[float, float]:
+def _within_row(row: int, px: float, py: float, qx: float, qy: float, low: float, high: float) -> tuple[float, float]:
     """Return the interval low..high widened by the x of the part of an edge that lies in a row."""
     if py > qy:
         px, py, qx, qy = qx, qy, px, py

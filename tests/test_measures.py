@@ -163,7 +163,9 @@ def test_rectangle_of_a_rectilinear_outline_by_brute_force():
 
 def test_rectangle_of_slanted_outlines():
     """Half a triangle's area; 2 a b of an ellipse with corners at 45 degrees."""
-    assert np.prod(np.ptp(largest_rectangle(np.array([[0, 0], [4, 0], [1, 3.0]])), axis=0)) == pytest.approx(3, rel=1e-6)
+    assert np.prod(np.ptp(largest_rectangle(np.array([[0, 0], [4, 0], [1, 3.0]])), axis=0)) == pytest.approx(
+        3, rel=1e-6
+    )
     turn = np.arange(32) * (2 * np.pi / 32)
     ellipse = np.stack([1.5 * np.cos(turn), np.sin(turn)], axis=1)
     assert np.prod(np.ptp(largest_rectangle(ellipse), axis=0)) == pytest.approx(3, rel=1e-6)
