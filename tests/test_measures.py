@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
-from eigenbench.generators.measures import depth, enclosing_ball, largest_inscribed_circle, largest_rectangle
+from eigenbench.generators.measures import depth, enclosing_ball, largest_inscribed_circle
+from eigenbench.generators.rectangles import largest_rectangle
 
 
 def star(seed: int, corners: int) -> np.ndarray:
