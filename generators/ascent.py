@@ -59,90 +59,77 @@ def highest_minimum(values: Floats, gradients: Floats, reach: float, walls: Floa
     weights : (m,) >= 0 with sum 1, the certificate: sum(weights * functions) bounds the minimum in the box
     """
     m, d = gradients.shape
-    w = len(walls)
-    weights = np.zeros(m)
+    rows, bounds = _demands(values, gradients, reach, walls)
     lowest = np.argmin(values)
-    # Rows: the m functions t - g . s <= value, the w walls, then s_k <= reach, then -s_k <= reach.
     basis = np.zeros(d + 1, dtype=np.int64)
-    rows, bound = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
     basis[0] = lowest
-    rows[0, :d], rows[0, d], bound[0] = -gradients[lowest], 1.0, values[lowest]
     for k in range(d):
-        up = gradients[lowest, k] >= 0.0
-        basis[k + 1] = m + w + k + (0 if up else d)
-        rows[k + 1, k] = 1.0 if up else -1.0
-        bound[k + 1] = reach
-    shift = np.zeros(d + 1)
+        basis[k + 1] = m + len(walls) + k + (0 if gradients[lowest, k] >= 0.0 else d)
+    point, weights = np.zeros(d + 1), np.zeros(m)
     for _ in range(_PIVOTS):
-        inverse, regular = _inverse(rows)
+        inverse, regular = _inverse(rows[basis])
         if not regular:
             break
-        for k in range(d + 1):
-            shift[k] = 0.0
-            for j in range(d + 1):
-                shift[k] += inverse[k, j] * bound[j]
         weights[:] = 0.0
+        point[:] = 0.0
         for k in range(d + 1):
             if basis[k] < m:
                 weights[basis[k]] += max(0.0, inverse[d, k])
-        entering, entering_row, entering_bound = _most_violated(values, gradients, reach, walls, shift)
-        if entering < 0:
-            break
-        leaving, least = -1, np.inf
-        for k in range(d + 1):
-            mix = 0.0
             for j in range(d + 1):
-                mix += entering_row[j] * inverse[j, k]
-            if mix > 1e-12:
-                ratio = max(0.0, inverse[d, k]) / mix
-                if ratio < least:
-                    leaving, least = k, ratio
+                point[j] += inverse[j, k] * bounds[basis[k]]
+        entering = _most_violated(rows, bounds, point, 1e-15 * (abs(point[d]) + reach))
+        leaving = _leaving(rows[entering], inverse) if entering >= 0 else -1
         if leaving < 0:
             break
         basis[leaving] = entering
-        rows[leaving] = entering_row
-        bound[leaving] = entering_bound
     total = np.sum(weights)
     if total > 0.0:
         weights /= total
     else:
         weights[lowest] = 1.0
-    return np.minimum(np.maximum(shift[:d], -reach), reach), weights
+    return np.minimum(np.maximum(point[:d], -reach), reach), weights
 
 
 @kernel
-def _most_violated(
-    values: Floats, gradients: Floats, reach: float, walls: Floats, point: Floats
-) -> tuple[int, Floats, float]:
-    """Return (row number or -1, row, bound) of the demand that `point` (shift and height) breaks most."""
+def _demands(values: Floats, gradients: Floats, reach: float, walls: Floats) -> tuple[Floats, Floats]:
+    """Return rows and bounds on (s, t): the m functions t - g . s <= value, the walls, s_k <= reach, -s_k <= reach."""
     m, d = gradients.shape
     w = len(walls)
-    worst, number = 1e-15 * (abs(point[d]) + reach), -1
-    for i in range(m):
-        excess = point[d] - values[i]
-        for k in range(d):
-            excess -= gradients[i, k] * point[k]
+    rows, bounds = np.zeros((m + w + 2 * d, d + 1)), np.full(m + w + 2 * d, reach)
+    rows[:m, :d] = -gradients
+    rows[:m, d] = 1.0
+    bounds[:m] = values
+    rows[m : m + w, :d] = walls[:, :d]
+    bounds[m : m + w] = walls[:, d]
+    for k in range(d):
+        rows[m + w + k, k], rows[m + w + d + k, k] = 1.0, -1.0
+    return rows, bounds
+
+
+@kernel
+def _most_violated(rows: Floats, bounds: Floats, point: Floats, tolerance: float) -> int:
+    """Return the number of the row that a point breaks most, -1 where it breaks none."""
+    worst, number = tolerance, -1
+    for i in range(len(rows)):
+        excess = -bounds[i]
+        for k in range(len(point)):
+            excess += rows[i, k] * point[k]
         if excess > worst:
             worst, number = excess, i
-    for i in range(w):
-        excess = -walls[i, d]
-        for k in range(d):
-            excess += walls[i, k] * point[k]
-        if excess > worst:
-            worst, number = excess, m + i
-    for k in range(d):
-        if abs(point[k]) - reach > worst:
-            worst = abs(point[k]) - reach
-            number = m + w + k + (0 if point[k] > 0.0 else d)
-    row, bound = np.zeros(d + 1), 0.0
-    if number < 0:
-        return number, row, bound
-    if number < m:
-        row[:d], row[d], bound = -gradients[number], 1.0, values[number]
-    elif number < m + w:
-        row[:d], bound = walls[number - m, :d], walls[number - m, d]
-    elif number < m + w + d:
-        row[number - m - w], bound = 1.0, reach
-    else:
-        row[number - m - w - d], bound = -1.0, reach
-    return number, row, bound
+    return number
+
+
+@kernel
+def _leaving(row: Floats, inverse: Floats) -> int:
+    """Return which basis row gives way to a new one so that all weights stay positive, -1 where none can."""
+    n = len(row)
+    leaving, least = -1, np.inf
+    for k in range(n):
+        mix = 0.0
+        for j in range(n):
+            mix += row[j] * inverse[j, k]
+        if mix > 1e-12:
+            ratio = max(0.0, inverse[n - 1, k]) / mix
+            if ratio < least:
+                leaving, least = k, ratio
+    return leaving

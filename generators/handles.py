@@ -137,7 +137,7 @@ def _frames(step: float, limits: Floats) -> Floats:
 
 
 def _apart(holes: Floats, frames: Floats, limits: Floats) -> list[int]:
-    """Return the views of the widest holes that lie well apart, in direction or in place; the straightest view first."""
+    """Return the views of the widest holes that lie well apart, in direction or place; the straightest first."""
     order = np.argsort(-holes[:, 0], kind="stable")
     room = np.array([_room(frame[2], limits) for frame in frames[order]])
     straight = order[room >= room.max() - 1e-9][:1]

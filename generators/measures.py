@@ -73,53 +73,29 @@ def _ball_of_few(points: Points) -> tuple[Points, float, int]:
             size += chosen >> i & 1
         if size < 2 or size > d + 1:
             continue
-        centre, radius = _circumscribed(points, chosen, size)
+        centre, radius = _circumscribed(points, chosen)
         if radius > best_radius:
             best, best_radius, best_support = centre, radius, chosen
     return best, best_radius, best_support
 
 
 @kernel
-def _circumscribed(points: Points, chosen: int, size: int) -> tuple[Points, float]:
-    """Return the ball through the chosen points, centred in their own plane; radius -1 if the centre is not among them.
+def _circumscribed(points: Points, chosen: int) -> tuple[Points, float]:
+    """Return the ball through the chosen points, centred in their own plane; radius -1 if they do not surround it.
 
-    The offset from the first point is sum(x_k e_k) over the edges e_k from it, where sum_k (e_j . e_k) x_k = e_j . e_j / 2.
+    The offset from the first is sum(x_k e_k) over the edges e_k from it, where sum_k (e_j . e_k) x_k = e_j . e_j / 2.
     """
     d = points.shape[1]
     first, edges, count = -1, np.zeros((d, d)), 0
     for i in range(len(points)):
-        if chosen >> i & 1:
-            if first < 0:
-                first = i
-            else:
-                edges[count] = points[i] - points[first]
-                count += 1
-    system = np.zeros((count, count + 1))
-    for j in range(count):
-        for k in range(count):
-            for axis in range(d):
-                system[j, k] += edges[j, axis] * edges[k, axis]
-        system[j, count] = system[j, j] / 2
+        if chosen >> i & 1 and first < 0:
+            first = i
+        elif chosen >> i & 1:
+            edges[count] = points[i] - points[first]
+            count += 1
     centre = points[first].copy()
-    # Gauss without pivots: the matrix is positive definite; a thin one adds nothing to its own subsets.
-    for j in range(count):
-        before = 2.0 * system[j, count] if j == 0 else 0.0
-        for axis in range(d):
-            before += edges[j, axis] * edges[j, axis] if j > 0 else 0.0
-        if system[j, j] <= 1e-15 * before:
-            return centre, -1.0
-        for row in range(j + 1, count):
-            factor = system[row, j] / system[j, j]
-            for k in range(j, count + 1):
-                system[row, k] -= factor * system[j, k]
-    share, rest = np.zeros(count), 1.0
-    for j in range(count - 1, -1, -1):
-        value = system[j, count]
-        for k in range(j + 1, count):
-            value -= system[j, k] * share[k]
-        share[j] = value / system[j, j]
-        rest -= share[j]
-    if rest < -1e-13 or np.min(share) < -1e-13:
+    share, regular = _shares(edges[:count])
+    if not regular or 1.0 - np.sum(share) < -1e-13 or np.min(share) < -1e-13:
         return centre, -1.0
     square = 0.0
     for axis in range(d):
@@ -129,6 +105,34 @@ def _circumscribed(points: Points, chosen: int, size: int) -> tuple[Points, floa
         centre[axis] += offset
         square += offset * offset
     return centre, np.sqrt(square)
+
+
+@kernel
+def _shares(edges: Points) -> tuple[Points, bool]:
+    """Solve sum_k (e_j . e_k) x_k = e_j . e_j / 2; False where the edges all but depend on each other.
+
+    Without pivots, since the matrix is positive definite; a thin one adds nothing to its own subsets.
+    """
+    count, d = edges.shape
+    system, share = np.zeros((count, count + 1)), np.zeros(count)
+    for j in range(count):
+        for k in range(count):
+            for axis in range(d):
+                system[j, k] += edges[j, axis] * edges[k, axis]
+        system[j, count] = system[j, j] / 2
+    for j in range(count):
+        if system[j, j] <= 1e-15 * np.sum(edges[j] * edges[j]):
+            return share, False
+        for row in range(j + 1, count):
+            factor = system[row, j] / system[j, j]
+            for k in range(j, count + 1):
+                system[row, k] -= factor * system[j, k]
+    for j in range(count - 1, -1, -1):
+        share[j] = system[j, count]
+        for k in range(j + 1, count):
+            share[j] -= system[j, k] * share[k]
+        share[j] /= system[j, j]
+    return share, True
 
 
 def largest_inscribed_circle(polygon: Points, *holes: Points) -> tuple[Points, float]:
@@ -180,7 +184,8 @@ def depth(x: float, y: float, starts: Points, ends: Points) -> float:
         least = min(least, px * px + py * py)
         if (ay > y) != (ends[i, 1] > y) and x < ax + dy * ex / ey:
             inside = not inside
-    return np.sqrt(least) if inside else -np.sqrt(least)
+    distance: float = np.sqrt(least)
+    return distance if inside else -distance
 
 
 @kernel

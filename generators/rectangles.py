@@ -56,7 +56,7 @@ def _free_gaps(left: float, right: float, starts: Points, ends: Points) -> tuple
 
 
 @kernel
-def _height_at(edge: int, x: float, starts: Points, ends: Points) -> float:
+def _height_at(edge: int, x: float, starts: Points, ends: Points) -> np.float64:
     """Return y of an edge at x, or at its end where x lies beyond it."""
     sx, sy, ex, ey = starts[edge, 0], starts[edge, 1], ends[edge, 0], ends[edge, 1]
     if sx > ex:
@@ -118,7 +118,7 @@ def _rectangle_bound(cell: Points, best: float, starts: Points, ends: Points) ->
 @kernel
 def _smooth_bound(
     cell: Points, core: float, gaps: Points, enders: NDArray[np.int64], starts: Points, ends: Points
-) -> float:
+) -> np.float64:
     """Return the bound of the area of rectangles that hold height `core`, from the two edges that bind in the middle.
 
     Both stay in the way all over the cell, as linear functions of its sides, so the area is at most a quadratic.
@@ -133,7 +133,7 @@ def _smooth_bound(
             hl, hr = ul - ll, ur - lr
             first = abs(width * hl - height) * dl + abs(width * hr + height) * dr
             return width * height + first + (abs(hl) * dl + abs(hr) * dr) * (dl + dr)
-    return np.inf
+    return np.float64(np.inf)
 
 
 @kernel

@@ -150,7 +150,7 @@ def union_outline(triangles: Points) -> Loops:
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     flipped = np.where((twice < 0)[:, None, None], triangles[:, ::-1], triangles)
-    return CrossSection(list(flipped[twice != 0.0]), FillRule.NonZero).to_polygons()
+    return list(CrossSection(list(flipped[twice != 0.0]), FillRule.NonZero).to_polygons())
 
 
 def without(region: Loops, *others: Loops) -> Loops:
@@ -158,19 +158,19 @@ def without(region: Loops, *others: Loops) -> Loops:
     total = CrossSection(region)
     for other in others:
         total -= CrossSection(other)
-    return total.to_polygons()
+    return list(total.to_polygons())
 
 
 def bridged(region: Loops, gap: float) -> Loops:
     """Return a region with all gaps closed that are narrower than `gap`; its corners stay sharp."""
     whole = CrossSection(region)
     wide = whole.offset(gap / 2, JoinType.Miter, 100.0).offset(-gap / 2, JoinType.Miter, 100.0)
-    return (whole + wide).to_polygons()
+    return list((whole + wide).to_polygons())
 
 
 def simplified(region: Loops, tolerance: float) -> Loops:
     """Return a region without the vertices that lie within `tolerance` of the line between their neighbours."""
-    return CrossSection(region).simplify(tolerance).to_polygons()
+    return list(CrossSection(region).simplify(tolerance).to_polygons())
 
 
 def connected(region: Loops) -> list[Loops]:
