@@ -77,7 +77,7 @@ def highest_minimum(values: Floats, gradients: Floats, reach: float, walls: Floa
                 weights[basis[k]] += max(0.0, inverse[d, k])
             for j in range(d + 1):
                 point[j] += inverse[j, k] * bounds[basis[k]]
-        entering = _most_violated(rows, bounds, point, 1e-15 * (abs(point[d]) + reach))
+        entering = _most_violated(rows, bounds, point, 1e-15 * (abs(float(point[d])) + reach))
         leaving = _leaving(rows[entering], inverse) if entering >= 0 else -1
         if leaving < 0:
             break

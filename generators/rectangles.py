@@ -56,16 +56,16 @@ def _free_gaps(left: float, right: float, starts: Points, ends: Points) -> tuple
 
 
 @kernel
-def _height_at(edge: int, x: float, starts: Points, ends: Points) -> np.float64:
+def _height_at(edge: int, x: float, starts: Points, ends: Points) -> float:
     """Return y of an edge at x, or at its end where x lies beyond it."""
     sx, sy, ex, ey = starts[edge, 0], starts[edge, 1], ends[edge, 0], ends[edge, 1]
     if sx > ex:
         sx, sy, ex, ey = ex, ey, sx, sy
     if x <= sx:
-        return sy
+        return float(sy)
     if x >= ex:
-        return ey
-    return sy + (x - sx) * ((ey - sy) / (ex - sx))
+        return float(ey)
+    return float(sy + (x - sx) * ((ey - sy) / (ex - sx)))
 
 
 @kernel
@@ -118,7 +118,7 @@ def _rectangle_bound(cell: Points, best: float, starts: Points, ends: Points) ->
 @kernel
 def _smooth_bound(
     cell: Points, core: float, gaps: Points, enders: NDArray[np.int64], starts: Points, ends: Points
-) -> np.float64:
+) -> float:
     """Return the bound of the area of rectangles that hold height `core`, from the two edges that bind in the middle.
 
     Both stay in the way all over the cell, as linear functions of its sides, so the area is at most a quadratic.
@@ -132,8 +132,8 @@ def _smooth_bound(
             width, height = right - left, gaps[g, 1] - gaps[g, 0]
             hl, hr = ul - ll, ur - lr
             first = abs(width * hl - height) * dl + abs(width * hr + height) * dr
-            return width * height + first + (abs(hl) * dl + abs(hr) * dr) * (dl + dr)
-    return np.float64(np.inf)
+            return float(width * height + first + (abs(hl) * dl + abs(hr) * dr) * (dl + dr))
+    return np.inf
 
 
 @kernel
