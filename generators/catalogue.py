@@ -1,4 +1,4 @@
-"""The built-in library: which shapes there are, and the maker of each category."""
+"""The built-in library: the maker of each category."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,56 +25,8 @@ from eigenbench.generators import (
     tableware,
     washers,
 )
-from eigenbench.generators.shapes import ROLES, Shape
-
-COUNTS: dict[str, dict[str, dict[str, int]]] = {
-    "object": {
-        "train": {
-            "basket": 77,
-            "bottle": 16,
-            "bowl": 128,
-            "box": 17,
-            "can": 65,
-            "mug": 134,
-            "pot": 16,
-            "trash_can": 25,
-        },
-        "test": {"bucket": 33, "dispenser": 9, "jar": 528, "kettle": 26},
-    },
-    "environment": {
-        "train": {
-            "box": 21,
-            "microwave": 9,
-            "refrigerator": 34,
-            "safe": 21,
-            "storage_furniture": 272,
-            "table": 70,
-            "washing_machine": 13,
-        },
-        "test": {
-            "box": 7,
-            "microwave": 3,
-            "refrigerator": 9,
-            "safe": 7,
-            "storage_furniture": 73,
-            "table": 25,
-            "washing_machine": 3,
-        },
-    },
-    "mug": {"train": {"mug": 160}, "test": {"mug": 40}},
-}
-"""Shapes per role, split and category, as in the paper's tables; object categories of the splits are disjoint."""
-
-ENVIRONMENTS = ("box", "microwave", "refrigerator", "safe", "storage_furniture", "table", "washing_machine")
-CATEGORIES: dict[str, dict[str, tuple[str, ...]]] = {
-    "object": {
-        "train": ("basket", "bottle", "bowl", "box", "can", "mug", "pot", "trash_can"),
-        "test": ("bucket", "dispenser", "jar", "kettle"),
-    },
-    "environment": {"train": ENVIRONMENTS, "test": ENVIRONMENTS},
-    "mug": {"train": ("mug",), "test": ("mug",)},
-}
-"""Categories per role and split, as in the paper; `box` is an object and an environment."""
+from eigenbench.generators.holdings import COUNTS, ROLES, indices
+from eigenbench.generators.shapes import Shape
 
 MAKERS: dict[str, dict[str, Callable[[Generator], Shape]]] = {
     "object": {
@@ -114,12 +66,6 @@ def make_shape(role: str, category: str, index: int) -> Shape:
     rng = np.random.default_rng(list(f"eigenbench/{DATA_VERSION}/{role}/{category}/{index}".encode()))
     shape = maker(rng)
     return replace(shape, name=f"{index:04d}_{shape.name}")
-
-
-def indices(role: str, split: str, category: str) -> range:
-    """Return the indices of a split's shapes: training shapes come first, test shapes go on from there."""
-    first = 0 if split == "train" else COUNTS[role]["train"].get(category, 0)
-    return range(first, first + COUNTS[role][split].get(category, 0))
 
 
 def make_shapes(role: str, split: str) -> list[Shape]:

@@ -223,11 +223,11 @@ def _next_crossing(crossings: Floats, here: float, upward: bool) -> float:
     if upward:
         for x in range(len(crossings)):
             if crossings[x] >= here:
-                return crossings[x]
+                return float(crossings[x])
         return np.inf
     for x in range(len(crossings) - 1, -1, -1):
         if crossings[x] < here:
-            return crossings[x]
+            return float(crossings[x])
     return -np.inf
 
 

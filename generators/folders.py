@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from eigenbench.errors import ShapeError
-from eigenbench.generators.catalogue import ENVIRONMENTS
+from eigenbench.generators.holdings import CATEGORIES
 from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, no_notes, subfolders
 from eigenbench.generators.meshes import SUFFIXES, read_mesh
 from eigenbench.generators.solids import Mesh
@@ -89,7 +89,7 @@ def _files(folder: Path, role: str) -> list[tuple[str, Path]]:
         files = [("uncategorised", p) for p in _meshes(folder)]
     for sub in categories:
         category = category_of(sub.name)
-        named = "environment" if category in ENVIRONMENTS and category != "box" else "object"
+        named = "environment" if category in CATEGORIES["environment"]["train"] and category != "box" else "object"
         if told or (named == role and category not in ("object", "environment")):
             files += [(category, p) for p in _meshes(sub)]
     return files

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from eigenbench.errors import ShapeError
-from eigenbench.generators.catalogue import CATEGORIES
+from eigenbench.generators.holdings import CATEGORIES
 from eigenbench.generators.solids import Mesh
 
 TEST_SHARES = {"object": 0.25, "environment": 127 / 567, "mug": 40 / 200}

@@ -74,7 +74,8 @@ def check_surface(mesh: Mesh) -> None:
 def _in_place(scene: trimesh.Scene) -> tuple[Points, Faces]:
     """Return the vertices and faces of all meshes of a scene, each moved by its node's transform.
 
-    A mirroring transform turns the winding too (glTF 2.0, section 3.7.4), so that outward stays outward. Points and curves are no surface and are left out; so are textures, which would need an image library.
+    A mirroring transform turns the winding too (glTF 2.0, section 3.7.4), so that outward stays outward.
+    Points and curves are no surface and are left out; so are textures, which would need an image library.
     """
     vertices, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for node in scene.graph.nodes_geometry:

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eigenbench.errors import ShapeError, UsageError, choose
-from eigenbench.generators.catalogue import COUNTS, indices, make_shape
-from eigenbench.generators.shapes import ROLES, Shape
-from eigenbench.generators.sources import load_shapes, parse_source
+from eigenbench.generators.catalogue import make_shape
+from eigenbench.generators.holdings import COUNTS, ROLES, indices
+from eigenbench.generators.shapes import Shape
+from eigenbench.generators.sources import load_shapes
 from eigenbench.tasks import SPLITS
 
 

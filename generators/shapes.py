@@ -15,9 +15,6 @@ from eigenbench.generators.solids import Mesh
 Points = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-ROLES = ("object", "environment", "mug")
-"""What a shape serves as: the thing that is put somewhere, the place, or the mug of the mug task."""
-
 
 @dataclass(frozen=True, slots=True)
 class Cavity:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from manifold3d import Manifold, Mesh64, OpType
+from manifold3d import CrossSection, FillRule, JoinType, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
 
 from eigenbench.errors import ShapeError
@@ -218,3 +218,50 @@ def pierced(outer: Points, inner: Points, section: Points, holes: NDArray[np.boo
     faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]], *floor])
     used, numbers = np.unique(faces, return_inverse=True)
     return Mesh(vertices[used], numbers.reshape(-1, 3))
+
+
+Loops = list[Points]
+"""Polygons (n, 2) that bound a region of the plane: outer loops anticlockwise, holes clockwise."""
+
+
+def union_outline(triangles: Points) -> Loops:
+    """Return the loops around the union of (n, 3, 2) triangles of either winding.
+
+    Coordinates are rounded to 1e-8 in this and the following functions, so pass them at a size of about 1.
+    """
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    flipped = np.where((twice < 0)[:, None, None], triangles[:, ::-1], triangles)
+    return list(CrossSection(list(flipped[twice != 0.0]), FillRule.NonZero).to_polygons())
+
+
+def without(region: Loops, *others: Loops) -> Loops:
+    """Return a region less the others."""
+    total = CrossSection(region)
+    for other in others:
+        total -= CrossSection(other)
+    return list(total.to_polygons())
+
+
+def bridged(region: Loops, gap: float) -> Loops:
+    """Return a region with all gaps closed that are narrower than `gap`; its corners stay sharp."""
+    whole = CrossSection(region)
+    wide = whole.offset(gap / 2, JoinType.Miter, 100.0).offset(-gap / 2, JoinType.Miter, 100.0)
+    return list((whole + wide).to_polygons())
+
+
+def simplified(region: Loops, tolerance: float) -> Loops:
+    """Return a region without the vertices that lie within `tolerance` of the line between their neighbours."""
+    return list(CrossSection(region).simplify(tolerance).to_polygons())
+
+
+def connected(region: Loops) -> list[Loops]:
+    """Return the connected parts of a region, each with its outer loop first, the largest part first."""
+    parts = sorted(CrossSection(region).decompose(), key=lambda part: -part.area())
+    return [sorted(part.to_polygons(), key=lambda loop: -loop_area(loop)) for part in parts]
+
+
+def loop_area(loop: Points) -> float:
+    """Return the signed area of a polygon, positive where it runs anticlockwise."""
+    x, y = (loop - loop[0]).T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from eigenbench.errors import ShapeError, UsageError, choose
-from eigenbench.generators.catalogue import CATEGORIES, make_shapes
+from eigenbench.generators.catalogue import make_shapes
+from eigenbench.generators.holdings import CATEGORIES, ROLES
 from eigenbench.generators.listing import TEST_SHARES, Entry, Listing, contents, expand
-from eigenbench.generators.shapes import ROLES, Shape
+from eigenbench.generators.shapes import Shape
 from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}

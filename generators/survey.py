@@ -222,7 +222,14 @@ def as_markdown(findings: Sequence[Finding]) -> str:
     head = ("role", "shape", "faces", "closed", "measured", "s")
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for f in findings:
-        cells = (f.role, f"{f.category}/{f.name}", f"{f.faces:,}", "yes" if f.closed else "no", in_words(f), f"{f.seconds:.2f}")
+        cells = (
+            f.role,
+            f"{f.category}/{f.name}",
+            f"{f.faces:,}",
+            "yes" if f.closed else "no",
+            in_words(f),
+            f"{f.seconds:.2f}",
+        )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 

@@ -172,11 +172,7 @@ def damage(folder, file, name, change):
     kept = {"inputs": entry.inputs, "targets": entry.targets} | {file: digest}
     positives = int(read_shard(folder / "targets-00000.h5", "targets", TUBE)["label"].sum())
     shards = (ShardEntry(entry.pairs, positives, **kept),)
-    body = {
-        f: getattr(manifest, f)
-        for f in manifest.__dataclass_fields__
-        if f not in ("shards", "digest")
-    }
+    body = {f: getattr(manifest, f) for f in manifest.__dataclass_fields__ if f not in ("shards", "digest")}
     write_manifest(folder, type(manifest)(shards=shards, **body))
 
 

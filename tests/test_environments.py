@@ -10,7 +10,8 @@ import pytest
 from manifold3d import CrossSection, Manifold, Mesh64
 from material import is_watertight
 
-from eigenbench.generators.catalogue import COUNTS, MAKERS, indices, make_shape
+from eigenbench.generators.catalogue import MAKERS, make_shape
+from eigenbench.generators.holdings import COUNTS, indices
 from eigenbench.generators.primitives import cylinder
 from eigenbench.generators.shapes import Cavity, Shape
 from eigenbench.generators.solids import Mesh, volume

@@ -10,7 +10,8 @@ from material import is_watertight
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from eigenbench.generators.catalogue import COUNTS, MAKERS, indices, make_shape
+from eigenbench.generators.catalogue import MAKERS, make_shape
+from eigenbench.generators.holdings import COUNTS, indices
 from eigenbench.generators.measures import _depth
 from eigenbench.generators.solids import Mesh, ellipse_section, euler_number, pierced, volume
 

@@ -13,9 +13,10 @@ from test_cli import fails, run
 
 from eigenbench.errors import UsageError
 from eigenbench.generators import rasterising
-from eigenbench.generators.catalogue import COUNTS, make_shape
+from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.contact_sheets import draw, sheet, write_png
 from eigenbench.generators.exporting import FORMAT, MEASURES, as_obj, export
+from eigenbench.generators.holdings import COUNTS
 from eigenbench.generators.meshes import as_glb, read_mesh
 from eigenbench.generators.rendering import (
     BACKGROUND,

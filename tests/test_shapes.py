@@ -5,13 +5,11 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.library import load_library, normalise, open_library
-from eigenbench.generators.measures import enclosing_ball, largest_inscribed_circle
+from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.shapes import Shape
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.surface import alias_table
@@ -29,43 +27,6 @@ def test_unknown_category():
     """An unknown category names its near match."""
     with pytest.raises(UsageError, match="Did you mean 'mug'"):
         make_shape("object", "mugs", 0)
-
-
-@given(st.integers(0, 10**6), st.integers(2, 3), st.integers(1, 60))
-@settings(max_examples=60, deadline=None)
-def test_enclosing_ball_is_smallest(seed, dimension, count):
-    """It encloses every point, and its centre lies in the hull of the points it touches."""
-    from scipy.optimize import nnls
-
-    points = np.random.default_rng(seed).normal(size=(count, dimension)) * [1, 3, 0.2][:dimension]
-    centre, radius = enclosing_ball(points)
-    distance = np.linalg.norm(points - centre, axis=1)
-    assert distance.max() <= radius * (1 + 1e-9)
-    touching = points[distance >= radius * (1 - 1e-7)]
-    system = np.vstack([touching.T, np.ones(len(touching))])
-    assert nnls(system, np.append(centre, 1.0))[1] < 1e-5 * max(radius, 1)
-
-
-def test_enclosing_ball_of_cospherical_points():
-    """A cube's corners all lie on its ball: the degenerate case."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    centre, radius = enclosing_ball(np.repeat(corners, 3, axis=0))
-    assert np.allclose(centre, 0.5)
-    assert radius == pytest.approx(np.sqrt(3) / 2, rel=1e-12)
-
-
-@pytest.mark.parametrize(("w", "h"), [(1.0, 1.0), (3.0, 0.5), (0.2, 5.0)])
-def test_inscribed_circle_of_a_rectangle(w, h):
-    """The radius is half the shorter side, also where a whole segment of centres is best."""
-    corners = np.array([[0, 0], [w, 0], [w, h], [0, h]])
-    assert largest_inscribed_circle(corners)[1] == pytest.approx(min(w, h) / 2, rel=1e-7)
-
-
-def test_inscribed_circle_of_a_triangle():
-    """The radius is area over half the perimeter."""
-    triangle = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]])
-    sides = np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1)
-    assert largest_inscribed_circle(triangle)[1] == pytest.approx(6.0 / (sides.sum() / 2), rel=1e-7)
 
 
 def test_normalised_shape_has_unit_ball():

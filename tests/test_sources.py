@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators import meshes
-from eigenbench.generators.catalogue import CATEGORIES, COUNTS, make_shape
+from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.folders import read_upright
+from eigenbench.generators.holdings import CATEGORIES, COUNTS
 from eigenbench.generators.library import load_library
 from eigenbench.generators.listing import roles_of, split_of
 from eigenbench.generators.meshes import check_surface, read_mesh
