@@ -134,7 +134,8 @@ def _drinks_tank(rng: Generator) -> Shape:
 
 def _water_cooler(rng: Generator) -> Shape:
     """Make a water cooler: cabinet with a recess and taps, an upturned bottle on top."""
-    wide, deep, height = rng.uniform(0.15, 0.17), rng.uniform(0.15, 0.17), rng.uniform(0.85, 1.0)
+    wide, deep = rng.uniform(0.15, 0.17), rng.uniform(0.15, 0.17)
+    height = rng.uniform(0.4, 0.48) if rng.uniform() < 0.5 else rng.uniform(0.85, 1.0)  # on a counter, on the floor
     cabinet = block((-deep, -wide, 0.0), (deep, wide, height))
     niche = block((0.1 * deep, -0.8 * wide, 0.62 * height), (2 * deep, 0.8 * wide, 0.88 * height))
     sill = block((0.5 * deep, -0.7 * wide, 0.6 * height), (1.25 * deep, 0.7 * wide, 0.625 * height))
