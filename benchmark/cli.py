@@ -1,5 +1,7 @@
 """The command line: each command parses, calls one function, prints. The composition root.
 
+The commands about shapes are in `cli_shapes.py`, options and output that both share in `console.py`.
+
 Errors that a user can mend are one line on stderr and exit code 2; an interruption ends with 130.
 """
 
@@ -7,13 +9,13 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_shapes import shapes_app
+from eigenbench.console import SOURCES, Json, Workers, print_refused, progress_on
 from eigenbench.errors import DataError, EigenbenchError
 
 app = typer.Typer(
@@ -24,28 +26,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-shapes_app = typer.Typer(
-    help="The shapes that data are made from: list them, look at them, take them along.", rich_markup_mode=None
-)
 app.add_typer(shapes_app, name="shapes")
 
 _INTERRUPTED = 130
 
-_SHAPES = (
-    "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
-    "shapenet=DIR (ShapeNetCore)."
-)
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
-Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
 BuildTimeout = Annotated[float, typer.Option(help="Seconds for import and build.")]
 Memory = Annotated[float, typer.Option(help="Memory of the model's process, GiB.")]
 Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
 Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
 Isolation = Annotated[str, typer.Option(help="auto, none, rlimits or landlock.")]
-Source = Annotated[str, typer.Option("--shapes", help="default, or meshes=DIR.")]
-Role = Annotated[str | None, typer.Option(help="object, environment or mug; default: all.")]
-Split = Annotated[str | None, typer.Option(help="train or test; default: both.")]
 
 
 def main() -> None:
@@ -86,37 +76,6 @@ def _unforeseen(error: Exception, debug: bool) -> int:
     return 1
 
 
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]:
-    """Give a progress callback: a bar on a terminal, a line at each tenth elsewhere, nothing if quiet."""
-    if quiet:
-        yield None
-    elif sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=Console(stderr=True)) as bar:
-            tasks: dict[str, Any] = {}
-
-            def advance(name: str, done: int, total: int) -> None:
-                if name not in tasks:
-                    tasks[name] = bar.add_task(name, total=total)
-                bar.update(tasks[name], completed=done)
-
-            yield advance
-    else:
-        tenths: dict[str, int] = {}
-
-        def line(name: str, done: int, total: int) -> None:
-            tenth = 10 * done // total
-            if tenth > tenths.get(name, 0):
-                tenths[name] = tenth
-                print(f"{name}: {done:,} of {total:,}", file=sys.stderr, flush=True)
-
-        yield line
-
-
 @app.command()
 def generate(
     task: Annotated[str, typer.Option(help="Which task.")],
@@ -127,14 +86,14 @@ def generate(
     workers: Workers = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
-    shapes: Annotated[str, typer.Option(help=_SHAPES)] = "default",
+    shapes: Annotated[str, typer.Option(help=SOURCES)] = "default",
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
     """Generate the pairs of a task. Run again, it goes on where it stopped."""
     from eigenbench.generators.generation import generate as make
 
-    with _progress(as_json) as progress:
+    with progress_on(as_json) as progress:
         manifests = make(
             task,
             split,
@@ -157,7 +116,7 @@ def generate(
             f"{m.audit.relabelled} labels and {m.audit.confirmed} witnesses checked by FCL, "
             f"{m.audit.mismatches} mismatches, digest {m.digest[:16]}"
         )
-        _print_refused(m.shapes_refused)
+        print_refused(m.shapes_refused)
 
 
 def _summary(folder: Path, manifest: Any) -> dict[str, Any]:
@@ -200,9 +159,9 @@ def verify(
     if deep:  # first, because it names the row where the digests only tell that there is one
         from eigenbench.generators.deep import verify_deep
 
-        with _progress(as_json) as progress:
+        with progress_on(as_json) as progress:
             relabelled = {str(f): verify_deep(f, shapes, workers, progress) for f in find_splits(path)}
-    with _progress(as_json) as progress:
+    with progress_on(as_json) as progress:
         manifests = check_folders(path, progress)
     if as_json:
         print(
@@ -235,7 +194,7 @@ def evaluate(
     from eigenbench.tables import print_result
 
     options = _options(timeout, build_timeout, memory, device, checkpoint, isolation)
-    with _progress(as_json) as progress:
+    with progress_on(as_json) as progress:
         done = run(model, data, out, batch_size=batch_size, options=options, progress=progress)
     if as_json:
         print(json.dumps({"run": str(done.folder), **done.result}))
@@ -300,82 +259,3 @@ def check(
     else:
         print_findings(findings)
     require_all(findings)
-
-
-@shapes_app.command("list")
-def list_shapes(source: Source = "default", as_json: Json = False) -> None:
-    """Count the shapes of each role, category and split."""
-    from eigenbench.generators.selection import open_source
-
-    shelf = open_source(source)
-    if as_json:
-        print(json.dumps(shelf.rows()))
-        return
-    from eigenbench.tables import print_shapes
-
-    print_shapes(shelf.rows(), shelf.refused)
-
-
-@shapes_app.command("show")
-def show_shapes(
-    category: Annotated[str | None, typer.Argument(help="One category; default: some shapes of every one.")] = None,
-    role: Role = None,
-    split: Split = None,
-    index: Annotated[list[int] | None, typer.Option(help="Shape of the category; may be repeated.")] = None,
-    count: Annotated[
-        int | None, typer.Option(help="Shapes a category, spread evenly; default 8, or 40 of one.")
-    ] = None,
-    source: Source = "default",
-    measures: Annotated[bool, typer.Option("--measures", help="Draw cavities, tops and handle gaps.")] = False,
-    cutaway: Annotated[bool, typer.Option("--cutaway", help="Cut the shapes open.")] = False,
-    out: Annotated[Path | None, typer.Option(help="The picture; default <category>.png or shapes.png.")] = None,
-) -> None:
-    """Draw a contact sheet, or one shape large in four views, as PNG."""
-    from eigenbench.generators.contact_sheets import check_png, draw, write_png
-    from eigenbench.generators.selection import open_source, select
-
-    path = out or Path(f"{category or 'shapes'}.png")
-    check_png(path)
-    shelf = open_source(source)
-    some = (8 if category is None else 40) if count is None else count
-    chosen = select(shelf, role, category, split, index or (), some)
-    with _progress(quiet=False) as progress:
-        picture = draw(chosen, measures, cutaway, progress)
-    write_png(picture, path)
-    drawn = sum(len(s.indices) for s in chosen)
-    print(f"{path}: {picture.shape[1]} x {picture.shape[0]} pixels, {drawn} shapes of {len(chosen)} categories")
-    _print_refused(shelf.refused)
-
-
-@shapes_app.command("export")
-def export_shapes(
-    out: Annotated[Path, typer.Argument(help="Folder that receives <split>/<role>/<category>/ and measures.json.")],
-    role: Role = None,
-    category: Annotated[str | None, typer.Option(help="One category; default: all.")] = None,
-    split: Split = None,
-    kind: Annotated[str, typer.Option("--format", help="obj or glb.")] = "obj",
-    source: Source = "default",
-    as_json: Json = False,
-) -> None:
-    """Write shapes as mesh files with a table of their measures."""
-    import time
-
-    from eigenbench.generators.exporting import export
-    from eigenbench.generators.selection import open_source, select
-
-    start = time.perf_counter()
-    shelf = open_source(source)
-    chosen = select(shelf, role, category, split)
-    with _progress(as_json) as progress:
-        count = export(chosen, out, kind, {"source": source, "refused": shelf.refused}, progress)
-    seconds = time.perf_counter() - start
-    if as_json:
-        print(json.dumps({"folder": str(out), "shapes": count, "seconds": seconds, "refused": shelf.refused}))
-        return
-    print(f"{out}: {count:,} shapes of {len(chosen)} categories, {seconds:.1f} s")
-    _print_refused(shelf.refused)
-
-
-def _print_refused(refused: dict[str, str]) -> None:
-    for name, reason in refused.items():
-        print(f"  not used: {name}: {reason}")

@@ -168,6 +168,15 @@ def print_shapes(rows: Sequence[dict[str, Any]], refused: dict[str, str]) -> Non
         _console.print(f"not used: {name}: {reason}")
 
 
+def print_errors(rows: Sequence[dict[str, Any]]) -> None:
+    """Print the distribution of the relative error of each measure."""
+    table = _table("Relative errors", "measure", "shapes", "median", "99 %", "worst", "bound", "within")
+    for row in rows:
+        numbers = [f"{row[k]:.1e}" for k in ("median", "p99", "worst", "bound")]
+        table.add_row(row["measure"], f"{row['shapes']:,}", *numbers, f"{row['within']:.2%}")
+    _console.print(table)
+
+
 def _by_split(rows: Iterable[dict[str, Any]]) -> list[str]:
     counts = dict.fromkeys(SPLITS, 0)
     for row in rows:
