@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from eigenbench.cache import cache_folder
-from eigenbench.errors import ShapeError
+from eigenbench.errors import GenerationError, ShapeError
 from eigenbench.generators.cavities import measure_cavities
 from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.handles import handle_side, measure_handle
@@ -40,7 +40,8 @@ def measured(shape: Shape, role: str) -> Shape:
         x, y = body["front"]
         return replace(shape, mesh=about_z(shape.mesh, (x, y)), measures=measures_from_json(body["measures"]))
     measures, front = _MEASURERS[role](shape.mesh)
-    with contextlib.suppress(OSError):  # a full disk costs the next run the measuring, not this one its result
+    with contextlib.suppress(OSError, GenerationError):  # a full disk costs the next run the measuring, no result
+        note.parent.mkdir(parents=True, exist_ok=True)
         write_text_atomically(note, json.dumps({"measures": measures_to_json(measures), "front": front}))
     return replace(shape, mesh=about_z(shape.mesh, front), measures=measures)
 
