@@ -52,7 +52,7 @@ def show_shapes(
 
     path = out or Path(f"{category or 'shapes'}.png")
     check_png(path)
-    shelf = open_source(source)
+    shelf = open_source(source, measuring=measures)
     some = (8 if category is None else 40) if count is None else count
     chosen = select(shelf, role, category, split, index or (), some)
     with progress_on(quiet=False) as progress:
@@ -80,7 +80,7 @@ def export_shapes(
     from eigenbench.generators.selection import open_source, select
 
     start = time.perf_counter()
-    shelf = open_source(source)
+    shelf = open_source(source, measuring=True)
     chosen = select(shelf, role, category, split)
     with progress_on(as_json) as progress:
         count = export(chosen, out, kind, {"source": source, "refused": shelf.refused}, progress)

@@ -17,6 +17,7 @@ from eigenbench.cache import cache_folder
 from eigenbench.errors import DataError, GenerationError, ShapeError
 from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
+from eigenbench.generators.measuring import measured
 from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
 from eigenbench.generators.sources import load_shapes, parse_source
 from eigenbench.generators.surface import Surface, alias_table
@@ -72,7 +73,7 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
     UsageError for another source, ShapeError where no usable shape is left.
     """
     if parse_source(source).kind != "default":
-        return _pack(*load_shapes(source, role, split))
+        return _pack(*_measured(*load_shapes(source, role, split), role))
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
@@ -80,6 +81,17 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
     library = _pack(*load_shapes(source, role, split))
     write_text_atomically(note, library.path.name)
     return library
+
+
+def _measured(shapes: list[Shape], refused: dict[str, str], role: str) -> tuple[list[Shape], dict[str, str]]:
+    """Measure shapes that come without measures; those that cannot serve in their role join `refused`."""
+    kept, refused = [], dict(refused)
+    for shape in shapes:
+        try:
+            kept.append(measured(shape, role))
+        except ShapeError as error:
+            refused[f"{shape.category}/{shape.name}"] = str(error)
+    return kept, refused
 
 
 def _default_key() -> str:
@@ -148,7 +160,7 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         except ShapeError as error:
             refused[f"{shape.category}/{shape.name}"] = str(error)
     if not kept:
-        name, reason = next(iter(refused.items()))
+        name, reason = next(reversed(refused.items()))
         msg = f"No shape can be used; {name}: {reason}."
         raise ShapeError(msg)
     categories = np.array([_short(s.category, _CATEGORY_BYTES) for s in kept], dtype=f"S{_CATEGORY_BYTES}")

@@ -3,11 +3,11 @@
 Within a role and category the index counts the training shapes first, then the test shapes.
 """
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eigenbench.errors import ShapeError, UsageError, choose
-from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.holdings import COUNTS, ROLES, indices
 from eigenbench.generators.shapes import Shape
 from eigenbench.generators.sources import load_shapes
@@ -23,17 +23,26 @@ class Shelf:
     counts : shapes by (role, category) and split; categories without shapes are left out
     shapes : those that had to be read, by (role, category); empty where they are made on demand
     refused : reason by shape
+    measuring : whether shapes that come without measures are measured when they are fetched
     """
 
     counts: dict[tuple[str, str], dict[str, int]]
     shapes: dict[tuple[str, str], list[Shape]]
     refused: dict[str, str]
+    measuring: bool = False
 
     def shape(self, role: str, category: str, index: int) -> Shape:
-        """Return one shape."""
-        if (role, category) in self.shapes:
-            return self.shapes[role, category][index]
-        return make_shape(role, category, index)
+        """Return one shape; a mug without a handle stays as it is."""
+        from eigenbench.generators.catalogue import make_shape  # here, since counting needs neither
+        from eigenbench.generators.measuring import measured
+
+        if (role, category) not in self.shapes:
+            return make_shape(role, category, index)
+        shape = self.shapes[role, category][index]
+        if self.measuring:
+            with contextlib.suppress(ShapeError):
+                return measured(shape, role)
+        return shape
 
     def rows(self) -> list[dict[str, str | int]]:
         """Return role, category, split and count of all that there is, by role, category and split."""
@@ -76,8 +85,10 @@ class Selection:
             yield index, self.shelf.shape(self.role, self.category, index)
 
 
-def open_source(source: str) -> Shelf:
+def open_source(source: str, *, measuring: bool = False) -> Shelf:
     """Return the shapes of a source; those of `default` are counted, not made.
+
+    With `measuring`, shapes of a user's folder are measured as they are fetched.
 
     UsageError for an unknown source, ShapeError where it holds no usable shape.
     """
@@ -102,7 +113,9 @@ def open_source(source: str) -> Shelf:
             counts[key][split] += 1
     if not shapes:
         raise troubles[0]
-    return Shelf(dict(sorted(counts.items(), key=lambda c: (ROLES.index(c[0][0]), c[0][1]))), shapes, refused)
+    return Shelf(
+        dict(sorted(counts.items(), key=lambda c: (ROLES.index(c[0][0]), c[0][1]))), shapes, refused, measuring
+    )
 
 
 def select(

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from eigenbench.errors import ShapeError, UsageError, choose
-from eigenbench.generators.catalogue import make_shapes
 from eigenbench.generators.holdings import CATEGORIES, ROLES
 from eigenbench.generators.listing import TEST_SHARES, Entry, Listing, contents, expand
 from eigenbench.generators.shapes import Shape
@@ -62,6 +61,8 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
     choose("split", split, CATEGORIES[choose("role", role, ROLES)])
     parsed = parse_source(source)
     if parsed.kind == "default":
+        from eigenbench.generators.catalogue import make_shapes  # here, since listing a folder needs no makers
+
         return make_shapes(role, split), {}
     listing = _listing(parsed)
     wanted = _wanted(parsed, listing, role, split)

@@ -111,7 +111,7 @@ def _measure(job: _Job, split: str, index: int, given: Shape | None) -> Finding:
         return replace(about, refused=str(error), seconds=time.perf_counter() - start)
     ball, circle = enclosing_ball(hull), enclosing_ball(np.ascontiguousarray(hull[:, :2]))
     errors = {"ball": excess(hull, *ball), "circle": excess(hull[:, :2], *circle)}
-    if given is None:
+    if given is None and job.role != "object":  # of objects nothing else is measured
         errors |= errors_of(found, shape.measures)
     return replace(
         about,

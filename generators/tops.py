@@ -3,8 +3,8 @@
 The rule: the largest level patch within 5 % of the height below the highest point, with nothing above it.
 Orientation is not asked for, since soups have none: a face counts where the sky is above it.
 
-- Level: the face's normal is within 2 degrees of vertical. Bevelled and rounded edges do not belong to the patch.
-- One patch: faces whose middles lie within 0.5 % of the height; its height is their median, by area.
+- Level: the face's normal is within 1 degree of vertical. Bevelled and rounded edges do not belong to the patch.
+- One patch: faces whose middles lie within 0.1 % of the height; its height is their median, by area.
 - Planks: gaps narrower than 1 % of the longer side are closed where the patch is in pieces or has holes.
 - Holes of less than 1 % of the patch (for a cable, a screw) are filled.
 - Whatever rises above the patch is cut out of it. Of the pieces that are left the largest is the countertop.
@@ -32,8 +32,8 @@ Points = NDArray[np.float64]
 
 BAND = 0.05
 """How far below the highest point a countertop may lie, over the height."""
-LEVEL = float(np.cos(np.radians(2.0)))
-SAME_HEIGHT = 0.005
+LEVEL = float(np.cos(np.radians(1.0)))
+SAME_HEIGHT = 0.001
 GAP = 0.01
 SMALL_HOLE = 0.01
 LEAST_AREA = 0.01

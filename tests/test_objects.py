@@ -84,7 +84,6 @@ def depths(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     return np.array([depth(x, y, outline, ends) for x, y in points])
 
 
-
 def _topology(shape) -> str:
     return shape.name.split("_", 1)[1]
 
