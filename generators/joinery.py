@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from eigenbench.generators.primitives import box, cylinder, prism
+from eigenbench.generators.primitives import box, cylinder, prism, staple
 from eigenbench.generators.shapes import Cavity, Measures, Points, Shape, Top, Vector
-from eigenbench.generators.solids import Mesh, carved
+from eigenbench.generators.solids import Mesh, carved, ellipse_section, revolve
 
 INTO = 1e-3
 """How far a fitting reaches into the wall it is fixed to, m."""
@@ -27,12 +27,14 @@ class Assembly:
     solids : united first
     voids : then cut out of them
     fittings : then united with the rest
+    sealed : boxes cut out of solid material that nothing else touches
     cavities : what the voids are good for
     """
 
     solids: list[Mesh] = field(default_factory=list)
     voids: list[Mesh] = field(default_factory=list)
     fittings: list[Mesh] = field(default_factory=list)
+    sealed: list[Mesh] = field(default_factory=list)
     cavities: list[Cavity] = field(default_factory=list)
 
     def hollow(self, cavity: Cavity, fittings: list[Mesh] | None = None, *, beyond: float = 0.0) -> None:
@@ -42,11 +44,24 @@ class Assembly:
         self.fittings += fittings or []
         self.cavities.append(replace(cavity, inhabited=cavity.inhabited or bool(fittings)))
 
+    def seal(self, cavity: Cavity) -> None:
+        """Cut an empty cavity that no other part touches: its walls are its box turned inside out."""
+        walls = box(cavity.low, cavity.high)
+        self.sealed.append(Mesh(walls.vertices, walls.faces[:, ::-1]))
+        self.cavities.append(cavity)
+
     def shape(self, category: str, name: str, top: Top | None) -> Shape:
         """Return the finished shape, its cavities ordered by volume."""
         cavities = sorted(self.cavities, key=lambda c: -c.volume)
-        mesh = carved(self.solids, self.voids, self.fittings)
+        mesh = joint([carved(self.solids, self.voids, self.fittings), *self.sealed])
         return Shape(category, name, mesh, Measures(tuple(cavities), top))
+
+
+def joint(meshes: list[Mesh]) -> Mesh:
+    """Return the faces of several meshes as one mesh; nothing is united."""
+    starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    faces = [m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)]
+    return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
 
 
 def rectangle(low: Vector, high: Vector) -> Points:
@@ -69,7 +84,7 @@ def legs(low: Vector, high: Vector, size: float, kind: str) -> list[Mesh]:
     return made
 
 
-def cylinder_outline(radius: float, sides: int = 16) -> Points:
+def cylinder_outline(radius: float, sides: int = 12) -> Points:
     """Return a regular polygon whose corners lie on a circle."""
     turn = np.arange(sides) * (2 * np.pi / sides)
     return radius * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -169,24 +184,16 @@ INHABITANTS: dict[str, Callable[[Generator, Cavity], list[Mesh]]] = {
 def handle_bar(rng: Generator, front: float, y: float, z: float, length: float, axis: int) -> list[Mesh]:
     """Return a bar on two posts in front of a door or drawer, along y (1) or z (2)."""
     thick, out = rng.uniform(0.008, 0.014), rng.uniform(0.02, 0.035)
-    half, along = length / 2, np.array([0.0, axis == 1, axis == 2])
-    centre = np.array([0.0, y, z])
-
-    def part(x0: float, x1: float, start: float, end: float) -> Mesh:
-        low, high = centre + start * along, centre + end * along
-        pad = (1 - along) * thick / 2
-        a, b = low - pad, high + pad
-        return box((x0, a[1], a[2]), (x1, b[1], b[2]))
-
-    posts = [part(front - INTO, front + out, s, s + thick) for s in (-0.8 * half, 0.8 * half - thick)]
-    return [*posts, part(front + out - thick, front + out, -half, half)]
+    return [staple(axis, (front, y, z), length, thick, INTO, out)]
 
 
 def knob(rng: Generator, front: float, y: float, z: float) -> list[Mesh]:
     """Return a round knob on a stem."""
     radius, out = rng.uniform(0.01, 0.017), rng.uniform(0.018, 0.028)
-    stem = cylinder(0, (front + out / 2 - INTO, y, z), 0.45 * radius, out, 10)
-    return [stem, cylinder(0, (front + out, y, z), radius, 0.4 * out, 16)]
+    stem = 0.45 * radius
+    profile = [(0, -INTO), (stem, -INTO), (stem, 0.8 * out), (radius, 0.8 * out), (radius, 1.2 * out), (0, 1.2 * out)]
+    turned_part = revolve(np.array(profile), ellipse_section(10))
+    return [Mesh(turned_part.vertices[:, [2, 0, 1]] + np.array([front, y, z]), turned_part.faces)]
 
 
 def drawer_block(

@@ -10,6 +10,9 @@ from eigenbench.generators.solids import Faces, Mesh, Points, revolve
 Vector = tuple[float, float, float]
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
+Rectangle = tuple[float, float, float, float]
+"""Lowest and highest of two coordinates."""
+
 _QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 _BOX_FACES: Faces = np.array([f for a, b, c, d in _QUADS for f in ([a, b, c], [a, c, d])], dtype=np.int64)
 
@@ -104,3 +107,43 @@ def about_z(mesh: Mesh, front: tuple[float, float]) -> Mesh:
     if (x, y) == (1.0, 0.0):
         return mesh
     return Mesh(mesh.vertices @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]]), mesh.faces)
+
+
+def frame(x0: float, x1: float, outer: Rectangle, edge: float) -> Mesh:
+    """Return a rectangular ring, `edge` wide within the `outer` (y0, y1, z0, z1), from x0 to x1."""
+    y0, y1, z0, z1 = outer
+    rings = np.array([[y0, z0], [y1, z0], [y1, z1], [y0, z1]])
+    rings = np.concatenate([rings, rings + edge * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])])
+    vertices = np.concatenate([np.insert(rings, 0, x, axis=1) for x in (x0, x1)])
+    a = np.arange(4)
+    b = (a + 1) % 4
+    quads = [(a, 4 + a, 4 + b, b), (8 + a, 8 + b, 12 + b, 12 + a), (a, b, 8 + b, 8 + a), (4 + b, 4 + a, 12 + a, 12 + b)]
+    faces = [np.stack(c, axis=1) for p, q, r, s in quads for c in ((p, q, r), (p, r, s))]
+    return Mesh(vertices, np.concatenate(faces))
+
+
+def staple(axis: int, centre: Vector, length: float, thick: float, feet: float, out: float) -> Mesh:
+    """Return a bar along y (1) or z (2), square in section, on two posts that stand on the plane x = centre[0].
+
+    Parameters
+    ----------
+    feet : how far the posts reach behind that plane, m
+    out : how far the bar's outer face stands in front of it, m
+    """
+    half, post = length / 2, 0.4 * length
+    back, inner, outer = -feet, out - thick, out
+    outline = [(-half, inner), (-post, inner), (-post, back), (thick - post, back), (thick - post, inner)]
+    outline += [(post - thick, inner), (post - thick, back), (post, back), (post, inner)]
+    outline += [(half, inner), (half, outer), (-half, outer)]
+    n = len(outline)
+    posts = [(1, 2, 3), (1, 3, 4), (5, 6, 7), (5, 7, 8)]
+    cap = np.array([*posts, *((11, k, m) for k, m in zip((0, 1, 4, 5, 8, 9), (1, 4, 5, 8, 9, 10), strict=True))])
+    a = np.arange(n)
+    b = (a + 1) % n
+    faces = np.concatenate([cap[:, ::-1], cap + n, np.stack([a, b, n + b], 1), np.stack([a, n + b, n + a], 1)])
+    vertices = np.zeros((2 * n, 3))
+    for end, side in ((0, -thick / 2), (1, thick / 2)):
+        ring = vertices[end * n : (end + 1) * n]
+        ring[:, axis], ring[:, 0] = np.array(outline).T
+        ring[:, 3 - axis] = side
+    return Mesh(vertices + np.array(centre), faces if axis == 2 else faces[:, ::-1])

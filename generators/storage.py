@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 
 from eigenbench.generators.joinery import INHABITANTS, INTO, Assembly, handle_bar, knob, legs, rectangle
-from eigenbench.generators.primitives import box
+from eigenbench.generators.primitives import box, frame
 from eigenbench.generators.shapes import Cavity, Shape, Top
 from eigenbench.generators.solids import Mesh
 
@@ -293,7 +293,10 @@ def _occupied(
         name = str(rng.choice(fitting))
         parts.hollow(cavity, INHABITANTS[name](rng, cavity), beyond=beyond)
         return [name]
-    parts.hollow(cavity, beyond=beyond)
+    if beyond:
+        parts.hollow(cavity, beyond=beyond)
+    else:
+        parts.seal(cavity)
     return []
 
 
@@ -311,11 +314,10 @@ def _front(
     y0, y1, z0, z1 = where
     groove = 0.004
     doors = 2 if cell == "door" and y1 - y0 > 0.55 else 1
-    parts.voids.append(box((front - groove, y0, z0), (front + INTO, y1, z1)))
     edges = np.linspace(y0, y1, doors + 1)
     left = doors == 2 or rng.uniform() < 0.5
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        parts.fittings.append(box((front - groove - INTO, a + groove, z0 + groove), (front, b - groove, z1 - groove)))
+        parts.voids.append(frame(front - groove, front + INTO, (a, b, z0, z1), groove))
         side = b - 0.04 if left else a + 0.04
         parts.fittings += _grip(rng, front, (a, b, z0, z1), cell, grip, side)
         left = False

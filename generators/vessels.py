@@ -26,9 +26,9 @@ from eigenbench.generators.solids import (
 Points = NDArray[np.float64]
 Maker = Callable[[Generator], Shape]
 
-SECTIONS = 32
+SECTIONS = 28
 ROUND = ellipse_section(SECTIONS)
-GRIP_SECTIONS = 10
+GRIP_SECTIONS = 8
 
 
 def draw(rng: Generator, topologies: Mapping[str, tuple[float, Maker]]) -> Shape:
