@@ -16,6 +16,11 @@ Rectangle = tuple[float, float, float, float]
 _QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 _BOX_FACES: Faces = np.array([f for a, b, c, d in _QUADS for f in ([a, b, c], [a, c, d])], dtype=np.int64)
 
+_SIDE = [(k, (k + 1) % 4) for k in range(4)]
+_FRAME_QUADS = [(a, 4 + a, 4 + b, b) for a, b in _SIDE] + [(8 + a, 8 + b, 12 + b, 12 + a) for a, b in _SIDE]
+_FRAME_QUADS += [(a, b, 8 + b, 8 + a) for a, b in _SIDE] + [(4 + b, 4 + a, 12 + a, 12 + b) for a, b in _SIDE]
+_FRAME_FACES: Faces = np.array([f for p, q, r, s in _FRAME_QUADS for f in ((p, q, r), (p, r, s))], dtype=np.int64)
+
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
     """Return the axis-aligned box between two corners, m."""
@@ -112,14 +117,18 @@ def about_z(mesh: Mesh, front: tuple[float, float]) -> Mesh:
 def frame(x0: float, x1: float, outer: Rectangle, edge: float) -> Mesh:
     """Return a rectangular ring, `edge` wide within the `outer` (y0, y1, z0, z1), from x0 to x1."""
     y0, y1, z0, z1 = outer
-    rings = np.array([[y0, z0], [y1, z0], [y1, z1], [y0, z1]])
-    rings = np.concatenate([rings, rings + edge * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])])
-    vertices = np.concatenate([np.insert(rings, 0, x, axis=1) for x in (x0, x1)])
-    a = np.arange(4)
-    b = (a + 1) % 4
-    quads = [(a, 4 + a, 4 + b, b), (8 + a, 8 + b, 12 + b, 12 + a), (a, b, 8 + b, 8 + a), (4 + b, 4 + a, 12 + a, 12 + b)]
-    faces = [np.stack(c, axis=1) for p, q, r, s in quads for c in ((p, q, r), (p, r, s))]
-    return Mesh(vertices, np.concatenate(faces))
+    e = edge
+    ring = [
+        (y0, z0),
+        (y1, z0),
+        (y1, z1),
+        (y0, z1),
+        (y0 + e, z0 + e),
+        (y1 - e, z0 + e),
+        (y1 - e, z1 - e),
+        (y0 + e, z1 - e),
+    ]
+    return Mesh(np.array([(x, y, z) for x in (x0, x1) for y, z in ring]), _FRAME_FACES)
 
 
 def staple(axis: int, centre: Vector, length: float, thick: float, feet: float, out: float) -> Mesh:
