@@ -8,8 +8,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import arc, quarter
+from eigenbench.generators.primitives import pierced, placed
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import Mesh, pierced, placed, united
+from eigenbench.generators.solids import Mesh, united
 from eigenbench.generators.vessels import draw, knob_rings, loop_handle, opposite, solid_of
 
 Points = NDArray[np.float64]

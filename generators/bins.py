@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.baskets import weave
 from eigenbench.generators.curves import arc
+from eigenbench.generators.primitives import box, ellipse_section, placed
 from eigenbench.generators.shapes import Measures, Shape
-from eigenbench.generators.solids import block, carved, ellipse_section, placed, united
+from eigenbench.generators.solids import carved, united
 from eigenbench.generators.vessels import (
     ROUND,
     Body,
@@ -71,7 +72,7 @@ def _bailed(rng: Generator, body: Body, name: str, lean: float, rise: float) -> 
         )
         parts.append(placed(placed(grip, (0.0, 0.0, rise * span)), (0.0, 0.0, pivot), 0, lean))
     inside = float(np.interp(pivot - 0.02, body.inner[:, 1], body.inner[:, 0]))
-    ear = block((inside - 0.01, -3.2 * wire, pivot - 0.016), (span + 2 * wire, 3.2 * wire, pivot + 2.2 * wire))
+    ear = box((inside - 0.01, -3.2 * wire, pivot - 0.016), (span + 2 * wire, 3.2 * wire, pivot + 2.2 * wire))
     mesh = body.with_parts(ear, opposite(ear), *parts, lift=0.001)
     kept = ("opening_width", "inner_depth")
     return Shape("bucket", name, mesh, Measures(), {k: body.lengths[k] for k in kept})
@@ -161,8 +162,8 @@ def _pedal_bin(rng: Generator) -> Shape:
     lid = dome(1.03 * radius, height + 0.02, radius * rng.uniform(0.2, 0.5), 0.15 * radius, 8)
     drum = solid_of(np.concatenate([foot, lid]), section)
     wide, reach = rng.uniform(0.03, 0.045), rng.uniform(0.03, 0.05)
-    pedal = block((0.9 * radius, -wide, 0.008), (1.04 * radius + reach, wide, 0.018))
-    hinge = block((-1.1 * radius, -0.04, height - 0.03), (-0.9 * radius, 0.04, height + 0.022))
+    pedal = box((0.9 * radius, -wide, 0.008), (1.04 * radius + reach, wide, 0.018))
+    hinge = box((-1.1 * radius, -0.04, height - 0.03), (-0.9 * radius, 0.04, height + 0.022))
     return Shape("trash_can", "pedal", united(drum, pedal, hinge))
 
 
@@ -181,9 +182,9 @@ def _swing_bin(rng: Generator) -> Shape:
     at = float(np.interp((low + high) / 2, [height + 0.04, top - 0.01], [radius, 0.62 * radius]))
     tall = (high - low) / 2
     middle = (at, 0.0, (low + high) / 2)
-    mouth = placed(block((-0.05, -half, -tall), (0.05, half, tall)), middle, 1, -slope)
+    mouth = placed(box((-0.05, -half, -tall), (0.05, half, tall)), middle, 1, -slope)
     leaf = placed(
-        block((-0.006, -half - 0.006, -0.9 * tall), (0.006, half + 0.006, 0.9 * tall)),
+        box((-0.006, -half - 0.006, -0.9 * tall), (0.006, half + 0.006, 0.9 * tall)),
         (at - 0.02, 0.0, middle[2]),
         1,
         -slope + rng.uniform(0.3, 0.6),
@@ -200,7 +201,7 @@ def _push_bin(rng: Generator) -> Shape:
     body = solid_of(np.concatenate([neck, lid]))
     middle = (0.72 * radius, 0.0, height + 0.01 + 0.5 * radius)
     half = 0.36 * radius
-    recess = placed(block((0.0, -half, -0.8 * half), (0.3 * radius, half, 0.8 * half)), middle, 1, -0.6)
+    recess = placed(box((0.0, -half, -0.8 * half), (0.3 * radius, half, 0.8 * half)), middle, 1, -0.6)
     return Shape("trash_can", "push", carved([body], [recess]))
 
 
@@ -224,7 +225,7 @@ def _wheelie_bin(rng: Generator) -> Shape:
         (back, 0.0, height - 0.02),
     )
     arms = [
-        block(
+        box(
             (back - 0.012, side * 0.62 * wide - 0.012, height - 0.045),
             (-0.9 * deep, side * 0.62 * wide + 0.012, height),
         )

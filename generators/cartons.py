@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import arc, spline
+from eigenbench.generators.primitives import box, placed, revolve
 from eigenbench.generators.shapes import Measures, Shape
-from eigenbench.generators.solids import Mesh, block, carved, placed, revolve, united
+from eigenbench.generators.solids import Mesh, carved, united
 from eigenbench.generators.vessels import draw, loop_handle, squarish
 
 Points = NDArray[np.float64]
@@ -27,13 +28,13 @@ def _sizes(rng: Generator, x: tuple[float, float], y: tuple[float, float], z: tu
 def _closed(name: str, half: Points, *parts: Mesh) -> Shape:
     """Return a full box with parts on it."""
     a, b, h = half.tolist()
-    return Shape("box", name, united(block((-a, -b, 0.0), (a, b, h)), *parts))
+    return Shape("box", name, united(box((-a, -b, 0.0), (a, b, h)), *parts))
 
 
 def _tray(half: Points, wall: float) -> tuple[Mesh, Mesh]:
     """Return an open box as its outside and what to cut out of it."""
     a, b, h = half.tolist()
-    return block((-a, -b, 0.0), (a, b, h)), block((wall - a, wall - b, wall), (a - wall, b - wall, h + wall))
+    return box((-a, -b, 0.0), (a, b, h)), box((wall - a, wall - b, wall), (a - wall, b - wall, h + wall))
 
 
 def _carton(rng: Generator) -> Shape:
@@ -41,17 +42,16 @@ def _carton(rng: Generator) -> Shape:
     half = _sizes(rng, (0.2, 0.6), (0.15, 0.4), (0.12, 0.4))
     a, b, h = half.tolist()
     tape, drop, thin = rng.uniform(0.022, 0.03), 0.25 * h, 0.0015
-    strip = block((-a - thin, -tape, h - drop), (a + thin, tape, h + thin))
+    strip = box((-a - thin, -tape, h - drop), (a + thin, tape, h + thin))
     seam = [
-        block((-a + 0.002, side * b - 0.004, h - 0.0025), (a - 0.002, side * b + 0.004, h + 0.01))
-        for side in (-0.5, 0.5)
+        box((-a + 0.002, side * b - 0.004, h - 0.0025), (a - 0.002, side * b + 0.004, h + 0.01)) for side in (-0.5, 0.5)
     ]
-    body = block((-a, -b, 0.0), (a, b, h))
+    body = box((-a, -b, 0.0), (a, b, h))
     holes = seam
     if rng.uniform() < 0.6:
         high = 0.72 * h
         holes = seam + [
-            block((side * a - 0.012, -0.045, high - 0.014), (side * a + 0.012, 0.045, high + 0.014)) for side in (-1, 1)
+            box((side * a - 0.012, -0.045, high - 0.014), (side * a + 0.012, 0.045, high + 0.014)) for side in (-1, 1)
         ]
     return Shape("box", "carton", united(carved([body], holes), strip))
 
@@ -63,7 +63,7 @@ def _flap(length: float, width: float, thick: float, angle: float) -> Mesh:
     corners = np.array(
         [[x, y, z] for x, wide in ((-0.5 * thick, width), (length, taper)) for y in (-wide, wide) for z in (low, high)]
     )
-    return placed(Mesh(corners, block((0, 0, 0), (1, 1, 1)).faces), axis=1, angle=-angle)
+    return placed(Mesh(corners, box((0, 0, 0), (1, 1, 1)).faces), axis=1, angle=-angle)
 
 
 def _open_carton(rng: Generator) -> Shape:
@@ -87,7 +87,7 @@ def _shoe_box(rng: Generator) -> Shape:
     half = _sizes(rng, (0.26, 0.36), (0.15, 0.24), (0.09, 0.14))
     a, b, h = half.tolist()
     skirt, over = rng.uniform(0.025, 0.045), rng.uniform(0.003, 0.006)
-    lid = block((-a - over, -b - over, h - skirt), (a + over, b + over, h + 0.004))
+    lid = box((-a - over, -b - over, h - skirt), (a + over, b + over, h + 0.004))
     if rng.uniform() < 0.35:
         lid = placed(placed(lid, axis=2, angle=rng.uniform(0.12, 0.3)), (0.0, 0.0, skirt - 0.002))
     return _closed("shoe", half, lid)
@@ -98,8 +98,8 @@ def _cereal_box(rng: Generator) -> Shape:
     half = _sizes(rng, (0.05, 0.08), (0.15, 0.21), (0.22, 0.32))
     a, b, h = half.tolist()
     if rng.uniform() < 0.4:
-        seam = block((-0.001, -b + 0.004, h - 0.002), (0.001, b - 0.004, h + 0.01))
-        return Shape("box", "cereal", carved([block((-a, -b, 0.0), (a, b, h))], [seam]))
+        seam = box((-0.001, -b + 0.004, h - 0.002), (0.001, b - 0.004, h + 0.01))
+        return Shape("box", "cereal", carved([box((-a, -b, 0.0), (a, b, h))], [seam]))
     outside, inside = _tray(half, 0.0025)
     parts = [carved([outside], [inside])]
     for k, angle in enumerate((rng.uniform(0.2, 1.3), rng.uniform(0.3, 1.4))):
@@ -115,11 +115,11 @@ def _pizza_box(rng: Generator) -> Shape:
     deep, angle = 0.6 * height, rng.uniform(0.5, 1.8)
     # The lid as a tray upside down, its rear edge at the origin, then raised about that edge.
     shut = [
-        block((0.0, -side, -deep), (2 * side, side, 0.0)),
-        block((wall, wall - side, -2 * deep), (2 * side - wall, side - wall, -wall)),
+        box((0.0, -side, -deep), (2 * side, side, 0.0)),
+        box((wall, wall - side, -2 * deep), (2 * side - wall, side - wall, -wall)),
     ]
     lid, hollow = (placed(part, (-side, 0.0, height + deep * math.cos(angle)), 1, -angle) for part in shut)
-    hinge = block(
+    hinge = box(
         (-side - 0.5 * wall, -0.98 * side, height - 0.5 * deep),
         (-side + wall, 0.98 * side, height + deep * math.cos(angle)),
     )
@@ -133,21 +133,19 @@ def _crate(rng: Generator) -> Shape:
     slats, thick, post = int(rng.integers(2, 5)), 0.01, 0.03
     pitch = h / (slats - 0.25)
     tall = 0.75 * pitch
-    parts = [block((-a, -b, 0.0), (a, b, 0.012))]
+    parts = [box((-a, -b, 0.0), (a, b, 0.012))]
     for x in (-1, 1):
         for y in (-1, 1):
             inner, deep = x * (a - thick - post), y * (b - thick - post)
             near, far = sorted((inner, x * (a - 0.5 * thick))), sorted((deep, y * (b - 0.5 * thick)))
-            parts.append(block((near[0], far[0], 0.0), (near[1], far[1], h)))
+            parts.append(box((near[0], far[0], 0.0), (near[1], far[1], h)))
     for k in range(slats):
         low, high = k * pitch, min(h, k * pitch + tall)
         parts += [
-            block((-a, s * b - (thick if s > 0 else 0), low), (a, s * b + (thick if s < 0 else 0), high))
-            for s in (-1, 1)
+            box((-a, s * b - (thick if s > 0 else 0), low), (a, s * b + (thick if s < 0 else 0), high)) for s in (-1, 1)
         ]
         parts += [
-            block((s * a - (thick if s > 0 else 0), -b, low), (s * a + (thick if s < 0 else 0), b, high))
-            for s in (-1, 1)
+            box((s * a - (thick if s > 0 else 0), -b, low), (s * a + (thick if s < 0 else 0), b, high)) for s in (-1, 1)
         ]
     return Shape("box", f"crate_{slats}", united(*parts))
 
@@ -174,8 +172,8 @@ def _chest(rng: Generator) -> Shape:
     parts = [placed(_prism(outline, b + 0.004), (0.0, 0.0, h))]
     for y in (-0.6 * b, 0.6 * b):
         band = _prism(outline * 1.02, 0.014)
-        parts += [placed(band, (0.0, y, h)), block((-a - 0.004, y - 0.014, 0.0), (a + 0.004, y + 0.014, h))]
-    parts.append(block((a - 0.01, -0.02, h - 0.03), (a + 0.014, 0.02, h + 0.014)))
+        parts += [placed(band, (0.0, y, h)), box((-a - 0.004, y - 0.014, 0.0), (a + 0.004, y + 0.014, h))]
+    parts.append(box((a - 0.01, -0.02, h - 0.03), (a + 0.014, 0.02, h + 0.014)))
     grip = loop_handle(
         spline([(b - 0.01, 0.62 * h), (b + 0.03, 0.6 * h), (b + 0.03, 0.42 * h), (b - 0.01, 0.4 * h)], 13), 0.005
     )
@@ -197,16 +195,16 @@ def _gift(rng: Generator) -> Shape:
     half = _sizes(rng, (0.12, 0.25), (0.12, 0.25), (0.08, 0.2))
     a, b, h = half.tolist()
     over, skirt, wide, thin = 0.004, min(0.04, 0.35 * h), 0.012, 0.0015
-    lid = block((-a - over, -b - over, h - skirt), (a + over, b + over, h))
+    lid = box((-a - over, -b - over, h - skirt), (a + over, b + over, h))
     out = over + thin
     ribbons = [
-        block((-a - out, -wide, 0.0), (a + out, wide, h + thin)),
-        block((-wide, -b - out, 0.0), (wide, b + out, h + thin)),
+        box((-a - out, -wide, 0.0), (a + out, wide, h + thin)),
+        box((-wide, -b - out, 0.0), (wide, b + out, h + thin)),
     ]
     size = rng.uniform(0.25, 0.4) * min(a, b) + 0.01
     bow = [(0.0, 0.0), (0.9 * size, 1.2 * size), (1.9 * size, 0.9 * size), (1.7 * size, 0.1 * size), (0.0, 0.0)]
     loop = loop_handle(spline(bow, 19) + np.array([0.0, h + 0.004]), 0.0016, wide=wide / 0.0016, power=6.0, sections=8)
-    knot = block((-0.014, -0.014, h - 0.001), (0.014, 0.014, h + 0.016))
+    knot = box((-0.014, -0.014, h - 0.001), (0.014, 0.014, h + 0.016))
     return _closed("gift", half, lid, *ribbons, loop, Mesh(loop.vertices * [-1, -1, 1], loop.faces), knot)
 
 

@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import arc, filleted, spline
+from eigenbench.generators.primitives import box, ellipse_section, placed, sweep
 from eigenbench.generators.shapes import Measures, Shape
-from eigenbench.generators.solids import Mesh, block, carved, ellipse_section, placed, sweep, united
+from eigenbench.generators.solids import Mesh, carved, united
 from eigenbench.generators.vessels import (
     ROUND,
     Body,
@@ -170,7 +171,7 @@ def _cauldron(rng: Generator) -> Shape:
         feet.append(placed(placed(foot, (0.55 * radius, 0.0, 0.0)), axis=2, angle=turned))
     lip, pivot = neck * 1.12, height + 0.008
     bail = loop_handle(arc(lip + 0.006, 0.0, math.pi, 25, rng.uniform(0.9, 1.2)), 0.003, sections=8)
-    ear = placed(block((neck - 0.003, -0.006, -0.005), (lip + 0.01, 0.006, 0.005)), (0.0, 0.0, pivot))
+    ear = placed(box((neck - 0.003, -0.006, -0.005), (lip + 0.01, 0.006, 0.005)), (0.0, 0.0, pivot))
     parts = [*feet, ear, opposite(ear), placed(bail, (0.0, 0.0, pivot), 0, rng.uniform(-0.3, 0.3))]
     return _with_parts("cauldron", rng, body, parts, 0.0, 0.001)
 

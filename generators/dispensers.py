@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import blend, spline, upright
+from eigenbench.generators.primitives import box, ellipse_section, placed, sweep
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import Mesh, block, carved, ellipse_section, placed, sweep, united
+from eigenbench.generators.solids import Mesh, carved, united
 from eigenbench.generators.vessels import ROUND, dome, draw, loop_handle, lying, solid_of, squarish
 
 Points = NDArray[np.float64]
@@ -69,8 +70,8 @@ def _foam_pump(rng: Generator) -> Shape:
     collar = [[0.023, height - 0.002], [0.023, height + 0.02], [0.013, height + 0.021], [0.013, height + 0.021 + stem]]
     top = height + 0.021 + stem
     head = [[0.021, top + 0.001], [0.021, top + 0.014], [0.018, top + 0.018]]
-    beak = block((0.0, -0.01, top + 0.003), (0.05, 0.01, top + 0.0165))
-    lip = block((0.04, -0.008, top - 0.006), (0.049, 0.008, top + 0.006))
+    beak = box((0.0, -0.01, top + 0.003), (0.05, 0.01, top + 0.0165))
+    lip = box((0.04, -0.008, top - 0.006), (0.049, 0.008, top + 0.006))
     return Shape("dispenser", "foam", united(solid_of(rings, section), solid_of(np.array(collar + head)), beak, lip))
 
 
@@ -110,7 +111,7 @@ def _tap(low: float, at: float, size: float) -> list[Mesh]:
         solid_of(np.array([[0.22 * size, 0.0], [0.22 * size, 1.4 * size]]), ellipse_section(10)),
         (at + 0.9 * size, 0.0, low),
     )
-    paddle = block((at + 0.3 * size, -0.3 * size, low + 1.2 * size), (at + 2.4 * size, 0.3 * size, low + 1.6 * size))
+    paddle = box((at + 0.3 * size, -0.3 * size, low + 1.2 * size), (at + 2.4 * size, 0.3 * size, low + 1.6 * size))
     return [sweep(upright(pipe), ellipse_section(12), 0.42 * size), barrel, stem, paddle]
 
 
@@ -127,7 +128,7 @@ def _drinks_tank(rng: Generator) -> Shape:
     body = solid_of(np.concatenate([jar, [[0.98 * radius, stand + tall + 0.001]], lid, knob]))
     ring = solid_of(np.array([[1.0 * radius, stand - 0.012], [1.0 * radius, stand + 0.006]]))
     count = int(rng.integers(3, 5))
-    leg = placed(block((-0.007, -0.007, 0.0), (0.007, 0.007, stand)), (0.84 * radius, 0.0, 0.0))
+    leg = placed(box((-0.007, -0.007, 0.0), (0.007, 0.007, stand)), (0.84 * radius, 0.0, 0.0))
     legs = [placed(leg, axis=2, angle=math.pi / count + k * 2 * math.pi / count) for k in range(count)]
     return Shape("dispenser", "drinks_tank", united(body, ring, *legs, *_tap(stand + 0.035, float(jar[1, 0]), 0.017)))
 
@@ -136,9 +137,9 @@ def _water_cooler(rng: Generator) -> Shape:
     """Make a water cooler: cabinet with a recess and taps, an upturned bottle on top."""
     wide, deep = rng.uniform(0.15, 0.17), rng.uniform(0.15, 0.17)
     height = rng.uniform(0.4, 0.48) if rng.uniform() < 0.5 else rng.uniform(0.85, 1.0)  # on a counter, on the floor
-    cabinet = block((-deep, -wide, 0.0), (deep, wide, height))
-    niche = block((0.1 * deep, -0.8 * wide, 0.62 * height), (2 * deep, 0.8 * wide, 0.88 * height))
-    sill = block((0.5 * deep, -0.7 * wide, 0.6 * height), (1.25 * deep, 0.7 * wide, 0.625 * height))
+    cabinet = box((-deep, -wide, 0.0), (deep, wide, height))
+    niche = box((0.1 * deep, -0.8 * wide, 0.62 * height), (2 * deep, 0.8 * wide, 0.88 * height))
+    sill = box((0.5 * deep, -0.7 * wide, 0.6 * height), (1.25 * deep, 0.7 * wide, 0.625 * height))
     taps = [
         placed(part, (0.0, y, 0.0))
         for y in (-0.07, 0.07)
@@ -160,11 +161,11 @@ def _wall_soap(rng: Generator) -> Shape:
     lift = 0.03
     rings = np.array([[0.8, lift], [0.98, lift + 0.012], [1.0, 0.3 * height], [1.0, height - 0.015], [0.9, height]])
     body = solid_of(rings * [1.0, 1.0], squarish(5.0) * [deep, half])
-    plate = block((-deep - 0.004, -half, 0.0), (-0.8 * deep, half, height - 0.01))
-    push = block((0.6 * deep, -0.55 * half, lift + 0.012), (deep + 0.014, 0.55 * half, lift + 0.012 + 0.3 * height))
+    plate = box((-deep - 0.004, -half, 0.0), (-0.8 * deep, half, height - 0.01))
+    push = box((0.6 * deep, -0.55 * half, lift + 0.012), (deep + 0.014, 0.55 * half, lift + 0.012 + 0.3 * height))
     spout = [[0.007, 0.008], [0.011, lift + 0.01]]
     nose = placed(solid_of(np.array(spout), ellipse_section(14)), (0.4 * deep, 0.0, 0.0))
-    slot = block((0.9 * deep, -0.012, 0.6 * height), (1.5 * deep, 0.012, 0.85 * height))
+    slot = box((0.9 * deep, -0.012, 0.6 * height), (1.5 * deep, 0.012, 0.85 * height))
     return Shape("dispenser", "wall_soap", carved([body, plate, push, nose], [slot]))
 
 
@@ -173,12 +174,12 @@ def _towels(rng: Generator) -> Shape:
     half, deep, height = rng.uniform(0.13, 0.16), rng.uniform(0.05, 0.065), rng.uniform(0.34, 0.42)
     rings = np.array([[1.0, 0.0], [1.0, 0.75 * height], [0.96, 0.9 * height], [0.72, height]])
     body = solid_of(rings, squarish(9.0) * [deep, half])
-    mouth = block((0.2 * deep, -0.8 * half, 0.05 * height), (2 * deep, 0.8 * half, 0.13 * height))
+    mouth = box((0.2 * deep, -0.8 * half, 0.05 * height), (2 * deep, 0.8 * half, 0.13 * height))
     front = 0.75 * deep
-    sheet = block((front, -0.55 * half, 0.06 * height), (front + 0.002, 0.55 * half, 0.2 * height))
+    sheet = box((front, -0.55 * half, 0.06 * height), (front + 0.002, 0.55 * half, 0.2 * height))
     lock = lying(solid_of(np.array([[0.012, -0.001], [0.012, 0.006]]), ellipse_section(16)), 0.0)
     lock = placed(placed(lock, axis=2, angle=-math.pi / 2), (deep, 0.0, 0.66 * height))
-    window = block((0.94 * deep, -0.06 * half, 0.3 * height), (1.2 * deep, 0.06 * half, 0.55 * height))
+    window = box((0.94 * deep, -0.06 * half, 0.3 * height), (1.2 * deep, 0.06 * half, 0.55 * height))
     return Shape("dispenser", "towels", united(carved([body], [mouth, window]), sheet, lock))
 
 

@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import blend, spline
+from eigenbench.generators.primitives import box, ellipse_section
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import block, ellipse_section, united
+from eigenbench.generators.solids import united
 from eigenbench.generators.vessels import (
     ROUND,
     dome,
@@ -180,7 +181,7 @@ def _clip_jar(rng: Generator) -> Shape:
         (lid - 0.008, top),
     ]
     loop = loop_handle(spline(clip, 14), wire, sections=8, wide=rng.uniform(5.0, 9.0), power=5.0)
-    lever = block((out - 0.004, -0.006, 0.55 * height), (out - 0.0012, 0.006, height - 0.004))
+    lever = box((out - 0.004, -0.006, 0.55 * height), (out - 0.0012, 0.006, height - 0.004))
     return Shape("jar", "clip", united(body, loop, lever, opposite(loop)))
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from eigenbench.generators.primitives import box, cylinder, prism, staple
+from eigenbench.generators.primitives import box, cylinder, ellipse_section, prism, revolve, staple
 from eigenbench.generators.shapes import Cavity, Measures, Points, Shape, Top, Vector
-from eigenbench.generators.solids import Mesh, carved, ellipse_section, revolve
+from eigenbench.generators.solids import Mesh, carved
 
 INTO = 1e-3
 """How far a fitting reaches into the wall it is fixed to, m."""

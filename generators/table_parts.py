@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from eigenbench.generators.joinery import INHABITANTS, INTO, Assembly, drawer_block, legs
-from eigenbench.generators.primitives import box, cylinder, leaning, polygon, prism, shifted
+from eigenbench.generators.primitives import box, cylinder, leaning, placed, polygon, prism
 from eigenbench.generators.shapes import Cavity, Points
 from eigenbench.generators.solids import Mesh
 
@@ -95,9 +95,9 @@ def _pedestal(rng: Generator, f: Frame, _parts: Assembly) -> list[Mesh]:
     feet, made = str(rng.choice(["disc", "cross"])), []
     for y in stems:
         made.append(cylinder(2, (0.0, y, (f.under + INTO) / 2), radius, f.under + INTO, 20))
-        made.append(shifted(prism(polygon(20, 2.4 * radius), 2, f.under - 0.02, f.under + INTO), (0.0, y, 0.0)))
+        made.append(placed(prism(polygon(20, 2.4 * radius), 2, f.under - 0.02, f.under + INTO), (0.0, y, 0.0)))
         if feet == "disc":
-            made.append(shifted(prism(polygon(32, foot), 2, 0.0, 0.03, 0.9), (0.0, y, 0.0)))
+            made.append(placed(prism(polygon(32, foot), 2, 0.0, 0.03, 0.9), (0.0, y, 0.0)))
             continue
         half = 0.7 * radius
         made.append(box((-1.2 * foot, y - half, 0.0), (1.2 * foot, y + half, 0.05)))
@@ -273,8 +273,8 @@ def _units_and_mirror(rng: Generator, f: Frame, parts: Assembly) -> list[str]:
 def _glass(rng: Generator, f: Frame, parts: Assembly) -> None:
     wide, flat = rng.uniform(0.2, 0.3), rng.uniform(1.0, 1.4)
     x, z = -f.x / 2 + 0.03, f.under + 0.06 + wide * flat
-    oval = shifted(prism(polygon(32, wide, flat), 0, x, x + 0.02), (0.0, 0.0, z))
-    glass = shifted(prism(polygon(32, 0.85 * wide, flat), 0, x, x + 0.024), (0.0, 0.0, z))
+    oval = placed(prism(polygon(32, wide, flat), 0, x, x + 0.02), (0.0, 0.0, z))
+    glass = placed(prism(polygon(32, 0.85 * wide, flat), 0, x, x + 0.024), (0.0, 0.0, z))
     posts = [box((x - 0.01, s - 0.02, f.under), (x + 0.015, s + 0.02, z)) for s in (-0.5 * wide, 0.5 * wide)]
     parts.solids += [oval, glass, *posts]
 

@@ -7,8 +7,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import arc, blend, spline
+from eigenbench.generators.primitives import box, ellipse_section, placed
 from eigenbench.generators.shapes import Measures, Shape
-from eigenbench.generators.solids import Mesh, block, carved, ellipse_section, placed, united
+from eigenbench.generators.solids import Mesh, carved, united
 from eigenbench.generators.vessels import (
     ROUND,
     SECTIONS,
@@ -301,7 +302,7 @@ def _open_can(rng: Generator) -> Shape:
     tilt = rng.uniform(0.9, 1.7)
     disc = placed(solid_of(np.array([[radius - 0.004, 0.0], [radius - 0.004, 0.0015]])), (radius - 0.004, 0.0, 0.0))
     lid = placed(disc, (-radius + 0.0005, 0.0, height - 0.0015), 1, -tilt)
-    hinge = block((-radius, -0.012, height - 0.006), (-radius + 0.0025, 0.012, height - 0.0005))
+    hinge = box((-radius, -0.012, height - 0.006), (-radius + 0.0025, 0.012, height - 0.0005))
     return Shape("can", "lid_up", united(body.solid, lid, hinge))
 
 

@@ -12,16 +12,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from eigenbench.generators.curves import arc, quarter, spline, thickest, upright
+from eigenbench.generators.primitives import ellipse_section, placed, revolve, revolved_volume, sweep
 from eigenbench.generators.shapes import Measures, Shape
-from eigenbench.generators.solids import (
-    Mesh,
-    ellipse_section,
-    joined,
-    placed,
-    revolve,
-    revolved_volume,
-    sweep,
-)
+from eigenbench.generators.solids import Mesh, joined
 
 Points = NDArray[np.float64]
 Maker = Callable[[Generator], Shape]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from eigenbench.generators.joinery import INTO, Assembly, drawer_block, legs, rectangle
-from eigenbench.generators.primitives import box, bulge, cylinder, polygon, prism, shifted, turned
+from eigenbench.generators.primitives import box, bulge, cylinder, placed, polygon, prism, turned
 from eigenbench.generators.shapes import Cavity, Shape, Top, Vector
 from eigenbench.generators.solids import Mesh
 
@@ -78,7 +78,7 @@ def _paddles(rng: Generator, x: tuple[float, float], z: float, radius: float) ->
     ridge = np.array(
         [[-0.035, -radius - 0.004], [0.035, -radius - 0.004], [0.016, tall - radius], [-0.016, tall - radius]]
     )
-    bar = shifted(prism(ridge, 0, x[0] - INTO, x[1]), (0.0, 0.0, z))
+    bar = placed(prism(ridge, 0, x[0] - INTO, x[1]), (0.0, 0.0, z))
     return [turned(bar, 0, first + k * 2 * math.pi / 3, (0.0, 0.0, z)) for k in range(3)]
 
 
@@ -176,11 +176,11 @@ def _upright_drum(
     inside: list[Mesh] = []
     if kind == "agitator":
         tall = rng.uniform(0.6, 0.8) * (z - z0)
-        inside.append(shifted(prism(polygon(24, 0.32 * radius), 2, z0 - INTO, z0 + tall, 0.55), (x, y, 0.0)))
+        inside.append(placed(prism(polygon(24, 0.32 * radius), 2, z0 - INTO, z0 + tall, 0.55), (x, y, 0.0)))
         fin, lift = 0.6 * radius, z0 + 0.35 * tall
         inside += [box((x - a, y - b, z0 - INTO), (x + a, y + b, lift)) for a, b in ((fin, 0.01), (0.01, fin))]
     elif kind == "impeller":
-        inside.append(shifted(prism(polygon(32, 0.75 * radius), 2, z0 - INTO, z0 + 0.035, 0.85), (x, y, 0.0)))
+        inside.append(placed(prism(polygon(32, 0.75 * radius), 2, z0 - INTO, z0 + 0.035, 0.85), (x, y, 0.0)))
         inside.append(box((x - 0.6 * radius, y - 0.012, z0), (x + 0.6 * radius, y + 0.012, z0 + 0.06)))
     _drum(parts, 2, (x - radius, y - radius, z0), (x + radius, y + radius, z), radius, inside)
 

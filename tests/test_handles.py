@@ -9,7 +9,8 @@ from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.handles import measure_handle, orient_mug
 from eigenbench.generators.measures import largest_inscribed_circle
 from eigenbench.generators.meshes import read_mesh
-from eigenbench.generators.solids import Mesh, ellipse_section, loop_area, minus, revolve, union_outline
+from eigenbench.generators.primitives import ellipse_section, revolve
+from eigenbench.generators.solids import Mesh, loop_area, minus, union_outline
 
 
 def turned(mesh: Mesh, angle: float) -> Mesh:

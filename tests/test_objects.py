@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from eigenbench.generators.catalogue import MAKERS, make_shape
 from eigenbench.generators.holdings import COUNTS, indices
 from eigenbench.generators.measures import depth
-from eigenbench.generators.solids import Mesh, ellipse_section, euler_number, pierced, volume
+from eigenbench.generators.primitives import ellipse_section, pierced
+from eigenbench.generators.solids import Mesh, euler_number, volume
 
 made = cache(make_shape)
 

@@ -18,6 +18,7 @@ from eigenbench.generators.contact_sheets import draw, sheet, write_png
 from eigenbench.generators.exporting import FORMAT, MEASURES, as_obj, export
 from eigenbench.generators.holdings import COUNTS
 from eigenbench.generators.meshes import as_glb, read_mesh
+from eigenbench.generators.primitives import ellipse_section, revolve
 from eigenbench.generators.rendering import (
     BACKGROUND,
     FACTOR,
@@ -34,7 +35,7 @@ from eigenbench.generators.rendering import (
 )
 from eigenbench.generators.selection import open_source, select
 from eigenbench.generators.shapes import Cavity, HandleGap, Measures, Shape
-from eigenbench.generators.solids import Mesh, ellipse_section, minus, revolve
+from eigenbench.generators.solids import Mesh, minus
 
 UNCUT = np.array([0.0, 0.0, 0.0, -1.0])
 FRONT = View(VIEWS["front"])

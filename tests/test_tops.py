@@ -9,7 +9,7 @@ from eigenbench.generators.solids import Mesh, euler_number, loop_area, minus, u
 from eigenbench.generators.tops import measure_top
 
 
-def block(low, high) -> Mesh:
+def box(low, high) -> Mesh:
     """Return the box between two corners."""
     low, high = np.array(low, dtype=float), np.array(high, dtype=float)
     box = box_mesh(*(high - low))
@@ -39,8 +39,8 @@ def prism(outline: np.ndarray, low: float, high: float, bevel: float = 0.0) -> M
 
 def table(*on_top: Mesh) -> Mesh:
     """Return a table of loose parts, 1.2 x 0.7 x 0.75 m off the origin, and what stands on it."""
-    legs = [block([x, y, 0], [x + 0.05, y + 0.05, 0.73]) for x in (1.0, 2.1) for y in (2.05, 2.6)]
-    return soup(block([1, 2, 0.72], [2.2, 2.7, 0.75]), *legs, *on_top)
+    legs = [box([x, y, 0], [x + 0.05, y + 0.05, 0.73]) for x in (1.0, 2.1) for y in (2.05, 2.6)]
+    return soup(box([1, 2, 0.72], [2.2, 2.7, 0.75]), *legs, *on_top)
 
 
 def same(outline: np.ndarray, expected: np.ndarray, tolerance: float) -> bool:
@@ -82,9 +82,7 @@ def test_bevel_does_not_belong_to_the_patch(bevel):
 
 def test_l_shaped_top_of_two_boards():
     """Two boards side by side at a height are one L."""
-    desk = soup(
-        block([0, 0, 0.7], [2, 0.6, 0.73]), block([0, 0.6, 0.7], [0.6, 1.8, 0.73]), block([0, 0, 0], [0.1, 0.1, 0.7])
-    )
+    desk = soup(box([0, 0, 0.7], [2, 0.6, 0.73]), box([0, 0.6, 0.7], [0.6, 1.8, 0.73]), box([0, 0, 0], [0.1, 0.1, 0.7]))
     expected = np.array([[0, 0], [2, 0], [2, 0.6], [0.6, 0.6], [0.6, 1.8], [0, 1.8]])
     assert same(measure_top(desk).outline, expected, 1e-6)
 
@@ -92,16 +90,16 @@ def test_l_shaped_top_of_two_boards():
 def test_planks_with_gaps_are_one_top_until_the_gaps_are_wide():
     """Gaps of 0.8 % of the longer side are closed, of 3 % they part the planks."""
     for gap, width in ((0.008, 0.5 + 4 * 0.008), (0.03, 0.1)):
-        planks = [block([0, k * (0.1 + gap), 0.7], [1, k * (0.1 + gap) + 0.1, 0.72]) for k in range(5)]
-        top = measure_top(soup(*planks, block([0.4, 0, 0], [0.6, 0.5, 0.7])))
+        planks = [box([0, k * (0.1 + gap), 0.7], [1, k * (0.1 + gap) + 0.1, 0.72]) for k in range(5)]
+        top = measure_top(soup(*planks, box([0.4, 0, 0], [0.6, 0.5, 0.7])))
         assert np.allclose(np.ptp(top.outline, axis=0), [1.0, width], atol=1e-6)
 
 
 def test_what_stands_on_the_top_is_cut_out():
     """A low box at the edge leaves a notch; one in the middle leaves its hole and a slit of no width to speak of."""
-    at_edge = measure_top(table(block([1.5, 2.5, 0.75], [1.7, 2.7, 0.78])))
+    at_edge = measure_top(table(box([1.5, 2.5, 0.75], [1.7, 2.7, 0.78])))
     assert loop_area(at_edge.outline) == pytest.approx(1.2 * 0.7 - 0.04, abs=1e-6)
-    inside = measure_top(table(block([1.5, 2.3, 0.75], [1.7, 2.5, 0.78])))
+    inside = measure_top(table(box([1.5, 2.3, 0.75], [1.7, 2.5, 0.78])))
     assert loop_area(inside.outline) == pytest.approx(1.2 * 0.7 - 0.04, abs=1e-4)
     assert np.allclose(np.ptp(inside.outline, axis=0), [1.2, 0.7])
 
@@ -117,9 +115,9 @@ def test_a_sheet_hovering_above_leaves_nothing_below():
 
 def test_the_rule_is_literal():
     """Where a back board rises by more than 5 % of the height, its own edge is the highest level patch."""
-    low = measure_top(table(block([1, 2.65, 0.75], [2.2, 2.7, 0.78])))
+    low = measure_top(table(box([1, 2.65, 0.75], [2.2, 2.7, 0.78])))
     assert np.allclose(np.ptp(low.outline, axis=0), [1.2, 0.65], atol=1e-6)
-    high = measure_top(table(block([1, 2.65, 0.75], [2.2, 2.7, 1.2])))
+    high = measure_top(table(box([1, 2.65, 0.75], [2.2, 2.7, 1.2])))
     assert np.allclose(np.ptp(high.outline, axis=0), [1.2, 0.05], atol=1e-6)
     assert high.height == pytest.approx(1.2)
 
@@ -133,7 +131,7 @@ def test_soups_have_the_same_top(how):
     mixed = np.where(rng.uniform(size=(len(f), 1)) < 0.5, f, f[:, ::-1])
     centre = (len(v) + np.arange(len(f)))[:, None]
     fine = np.concatenate([np.column_stack([f[:, [k, (k + 1) % 3]], centre]) for k in range(3)])
-    legs = [block([x, y, 0], [x + 0.05, y + 0.05, 0.73]) for x in (1.0, 2.1) for y in (2.05, 2.6)]
+    legs = [box([x, y, 0], [x + 0.05, y + 0.05, 0.73]) for x in (1.0, 2.1) for y in (2.05, 2.6)]
     changed = {
         "faces": Mesh(v, f[rng.permutation(len(f))]),
         "doubled": Mesh(v, np.concatenate([f, f[:, ::-1]])),
@@ -141,7 +139,7 @@ def test_soups_have_the_same_top(how):
         "flipped": Mesh(v, mixed),
         "inside out": Mesh(v, f[:, ::-1]),
         "fine": Mesh(np.concatenate([v, v[f].mean(axis=1)]), fine),
-        "united": united(block([1, 2, 0.72], [2.2, 2.7, 0.75]), *legs),
+        "united": united(box([1, 2, 0.72], [2.2, 2.7, 0.75]), *legs),
     }[how]
     assert same(measure_top(changed).outline, RECTANGLE, 1e-6)
 
@@ -160,18 +158,18 @@ def test_it_turns_and_grows_with_the_shape():
 def test_small_tilts_are_level_and_large_ones_are_not():
     """1 degree is level, 4 degrees is not."""
     for degrees, level in ((1.0, True), (4.0, False)):
-        board = block([0, 0, 0.5], [0.2, 0.2, 1.0])
+        board = box([0, 0, 0.5], [0.2, 0.2, 1.0])
         board.vertices[:, 2] += np.tan(np.radians(degrees)) * board.vertices[:, 0]
         assert (measure_top(board) is not None) == level
 
 
 def test_holes_small_and_large():
     """A cable hole is filled; the hole of a sink is cut out by a slit."""
-    top = block([0, 0, 0.7], [1, 0.6, 0.72])
-    cable = minus(top, block([0.8, 0.5, 0.6], [0.85, 0.55, 0.8]))
+    top = box([0, 0, 0.7], [1, 0.6, 0.72])
+    cable = minus(top, box([0.8, 0.5, 0.6], [0.85, 0.55, 0.8]))
     assert euler_number(cable) == 0
     assert loop_area(measure_top(cable).outline) == pytest.approx(0.6, abs=1e-6)
-    sink = minus(top, block([0.3, 0.2, 0.6], [0.7, 0.5, 0.8]))
+    sink = minus(top, box([0.3, 0.2, 0.6], [0.7, 0.5, 0.8]))
     assert loop_area(measure_top(sink).outline) == pytest.approx(0.6 - 0.12, abs=1e-4)
 
 
