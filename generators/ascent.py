@@ -60,23 +60,17 @@ def highest_minimum(values: Floats, gradients: Floats, reach: float, walls: Floa
     """
     m, d = gradients.shape
     rows, bounds = _demands(values, gradients, reach, walls)
-    lowest = np.argmin(values)
+    lowest = int(np.argmin(values))
     basis = np.zeros(d + 1, dtype=np.int64)
     basis[0] = lowest
     for k in range(d):
         basis[k + 1] = m + len(walls) + k + (0 if gradients[lowest, k] >= 0.0 else d)
     point, weights = np.zeros(d + 1), np.zeros(m)
     for _ in range(_PIVOTS):
-        inverse, regular = _inverse(rows[basis])
+        inverse, regular = _inverse(_chosen(rows, basis))
         if not regular:
             break
-        weights[:] = 0.0
-        point[:] = 0.0
-        for k in range(d + 1):
-            if basis[k] < m:
-                weights[basis[k]] += max(0.0, inverse[d, k])
-            for j in range(d + 1):
-                point[j] += inverse[j, k] * bounds[basis[k]]
+        weights, point = _corner(inverse, basis, bounds, m)
         entering = _most_violated(rows, bounds, point, 1e-15 * (abs(float(point[d])) + reach))
         leaving = _leaving(rows[entering], inverse) if entering >= 0 else -1
         if leaving < 0:
@@ -84,10 +78,39 @@ def highest_minimum(values: Floats, gradients: Floats, reach: float, walls: Floa
         basis[leaving] = entering
     total = np.sum(weights)
     if total > 0.0:
-        weights /= total
+        for i in range(m):
+            weights[i] /= total
     else:
         weights[lowest] = 1.0
-    return np.minimum(np.maximum(point[:d], -reach), reach), weights
+    shift = np.zeros(d)
+    for k in range(d):
+        shift[k] = min(max(point[k], -reach), reach)
+    return shift, weights
+
+
+@kernel
+def _chosen(rows: Floats, basis: NDArray[np.int64]) -> Floats:
+    """Return the basis rows as a square matrix."""
+    # Loops here and below: numba takes seconds to compile what slices say in a line.
+    n = len(basis)
+    matrix = np.zeros((n, n))
+    for k in range(n):
+        for j in range(n):
+            matrix[k, j] = rows[basis[k], j]
+    return matrix
+
+
+@kernel
+def _corner(inverse: Floats, basis: NDArray[np.int64], bounds: Floats, m: int) -> tuple[Floats, Floats]:
+    """Return the weights of the m functions and the point at which the basis rows meet."""
+    n = len(basis)
+    weights, point = np.zeros(m), np.zeros(n)
+    for k in range(n):
+        if basis[k] < m:
+            weights[basis[k]] += max(0.0, inverse[n - 1, k])
+        for j in range(n):
+            point[j] += inverse[j, k] * bounds[basis[k]]
+    return weights, point
 
 
 @kernel
@@ -95,14 +118,19 @@ def _demands(values: Floats, gradients: Floats, reach: float, walls: Floats) -> 
     """Return rows and bounds on (s, t): the m functions t - g . s <= value, the walls, s_k <= reach, -s_k <= reach."""
     m, d = gradients.shape
     w = len(walls)
-    rows, bounds = np.zeros((m + w + 2 * d, d + 1)), np.full(m + w + 2 * d, reach)
-    rows[:m, :d] = -gradients
-    rows[:m, d] = 1.0
-    bounds[:m] = values
-    rows[m : m + w, :d] = walls[:, :d]
-    bounds[m : m + w] = walls[:, d]
+    rows, bounds = np.zeros((m + w + 2 * d, d + 1)), np.zeros(m + w + 2 * d)
+    for i in range(m):
+        for k in range(d):
+            rows[i, k] = -gradients[i, k]
+        rows[i, d] = 1.0
+        bounds[i] = values[i]
+    for i in range(w):
+        for k in range(d):
+            rows[m + i, k] = walls[i, k]
+        bounds[m + i] = walls[i, d]
     for k in range(d):
         rows[m + w + k, k], rows[m + w + d + k, k] = 1.0, -1.0
+        bounds[m + w + k], bounds[m + w + d + k] = reach, reach
     return rows, bounds
 
 

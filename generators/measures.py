@@ -37,35 +37,43 @@ def _ball(points: Points) -> tuple[Points, float]:
     basis[0] = points[0]
     centre, radius = points[0].copy(), 0.0
     for _ in range(10 * n + 100):
-        farthest, distance2 = 0, -1.0
-        for i in range(n):
-            square = 0.0
-            for k in range(d):
-                square += (points[i, k] - centre[k]) * (points[i, k] - centre[k])
-            if square > distance2:
-                farthest, distance2 = i, square
-        reach = np.sqrt(distance2)
+        farthest, reach = _farthest(points, centre)
         if reach <= radius * (1.0 + 1e-14):
             break
-        basis[count] = points[farthest]
-        grown, grown_radius, support = _ball_of_few(basis[: count + 1])
+        for k in range(d):
+            basis[count, k] = points[farthest, k]
+        grown, grown_radius, support = _ball_of_few(basis, count + 1)
         if grown_radius <= radius:
             return centre, reach
         centre, radius, count = grown, grown_radius, 0
         for i in range(d + 2):
             if support >> i & 1:
-                basis[count] = basis[i]
+                for k in range(d):
+                    basis[count, k] = basis[i, k]
                 count += 1
     return centre, max(reach, radius)
 
 
 @kernel
-def _ball_of_few(points: Points) -> tuple[Points, float, int]:
-    """Return (centre, radius, bits of the support) of the smallest ball of at most d + 2 points.
+def _farthest(points: Points, centre: Points) -> tuple[int, float]:
+    """Return the number of the point farthest from a centre, and its distance."""
+    farthest, most = 0, -1.0
+    for i in range(len(points)):
+        square = 0.0
+        for k in range(len(centre)):
+            square += (points[i, k] - centre[k]) * (points[i, k] - centre[k])
+        if square > most:
+            farthest, most = i, square
+    return farthest, np.sqrt(most)
+
+
+@kernel
+def _ball_of_few(points: Points, m: int) -> tuple[Points, float, int]:
+    """Return (centre, radius, bits of the support) of the smallest ball of the first m points, at most d + 2.
 
     By duality it is the largest of all balls whose centre is a convex combination of the points it passes through.
     """
-    m, d = points.shape
+    d = points.shape[1]
     best, best_radius, best_support = points[0].copy(), 0.0, 1
     for chosen in range(1, 1 << m):
         size = 0
@@ -91,14 +99,20 @@ def _circumscribed(points: Points, chosen: int) -> tuple[Points, float]:
         if chosen >> i & 1 and first < 0:
             first = i
         elif chosen >> i & 1:
-            edges[count] = points[i] - points[first]
+            for axis in range(d):
+                edges[count, axis] = points[i, axis] - points[first, axis]
             count += 1
-    centre = points[first].copy()
-    share, regular = _shares(edges[:count])
-    if not regular or 1.0 - np.sum(share) < -1e-13 or np.min(share) < -1e-13:
+    centre = np.zeros(d)
+    share, regular = _shares(edges, count)
+    rest, least = 1.0, 0.0
+    for j in range(count):
+        rest -= share[j]
+        least = min(least, share[j])
+    if not regular or min(rest, least) < -1e-13:
         return centre, -1.0
     square = 0.0
     for axis in range(d):
+        centre[axis] = points[first, axis]
         offset = 0.0
         for j in range(count):
             offset += share[j] * edges[j, axis]
@@ -108,20 +122,15 @@ def _circumscribed(points: Points, chosen: int) -> tuple[Points, float]:
 
 
 @kernel
-def _shares(edges: Points) -> tuple[Points, bool]:
-    """Solve sum_k (e_j . e_k) x_k = e_j . e_j / 2; False where the edges all but depend on each other.
+def _shares(edges: Points, count: int) -> tuple[Points, bool]:
+    """Solve sum_k (e_j . e_k) x_k = e_j . e_j / 2; False where the first `count` edges all but depend on each other.
 
     Without pivots, since the matrix is positive definite; a thin one adds nothing to its own subsets.
     """
-    count, d = edges.shape
-    system, share = np.zeros((count, count + 1)), np.zeros(count)
+    system, before = _normal_equations(edges, count), _normal_equations(edges, count)
+    share = np.zeros(count)
     for j in range(count):
-        for k in range(count):
-            for axis in range(d):
-                system[j, k] += edges[j, axis] * edges[k, axis]
-        system[j, count] = system[j, j] / 2
-    for j in range(count):
-        if system[j, j] <= 1e-15 * np.sum(edges[j] * edges[j]):
+        if system[j, j] <= 1e-15 * before[j, j]:
             return share, False
         for row in range(j + 1, count):
             factor = system[row, j] / system[j, j]
@@ -133,6 +142,18 @@ def _shares(edges: Points) -> tuple[Points, bool]:
             share[j] -= system[j, k] * share[k]
         share[j] /= system[j, j]
     return share, True
+
+
+@kernel
+def _normal_equations(edges: Points, count: int) -> Points:
+    """Return the (count, count + 1) products e_j . e_k and, last, e_j . e_j / 2."""
+    system = np.zeros((count, count + 1))
+    for j in range(count):
+        for k in range(count):
+            for axis in range(edges.shape[1]):
+                system[j, k] += edges[j, axis] * edges[k, axis]
+        system[j, count] = system[j, j] / 2
+    return system
 
 
 def largest_inscribed_circle(polygon: Points, *holes: Points) -> tuple[Points, float]:
@@ -195,26 +216,31 @@ def _uphill(x: float, y: float, reach: float, starts: Points, ends: Points) -> t
     The last value bounds the depth there: the weighted mean of the distances in the square's highest corner.
     """
     n = len(starts)
-    values, gradients, edges = np.zeros(n), np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
+    edges = np.zeros(n, dtype=np.int64)
     least, near = np.inf, 0
     for i in range(n):
-        distance, gx, gy = segment_distance(x, y, starts[i], ends[i])
+        distance, _gx, _gy = segment_distance(x, y, starts[i], ends[i])
         least = min(least, distance)
         # No edge farther than this is the nearest one anywhere in the square.
         if distance <= least + 2.8284271247461907 * reach:
-            values[near], gradients[near, 0], gradients[near, 1], edges[near] = distance, gx, gy, i
+            edges[near] = i
             near += 1
-    values, gradients = values[:near], gradients[:near]
+    values, gradients = np.zeros(near), np.zeros((near, 2))
+    for k in range(near):
+        values[k], gradients[k, 0], gradients[k, 1] = segment_distance(x, y, starts[edges[k]], ends[edges[k]])
     shift, weights = highest_minimum(values, gradients, reach, np.zeros((0, 3)))
-    height, corners = np.inf, np.zeros(4)
+    height, highest = np.inf, 0.0
     for k in range(near):
         height = min(height, values[k] + gradients[k, 0] * shift[0] + gradients[k, 1] * shift[1])
-        if weights[k] > 0.0:
-            for c in range(4):
-                cx = x + (reach if c & 1 else -reach)
-                cy = y + (reach if c & 2 else -reach)
-                corners[c] += weights[k] * segment_distance(cx, cy, starts[edges[k]], ends[edges[k]])[0]
-    return x + shift[0], y + shift[1], height, np.max(corners)
+    for c in range(4):
+        cx = x + (reach if c & 1 else -reach)
+        cy = y + (reach if c & 2 else -reach)
+        corner = 0.0
+        for k in range(near):
+            if weights[k] > 0.0:
+                corner += weights[k] * segment_distance(cx, cy, starts[edges[k]], ends[edges[k]])[0]
+        highest = max(highest, corner)
+    return x + shift[0], y + shift[1], height, highest
 
 
 @kernel
