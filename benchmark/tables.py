@@ -172,7 +172,7 @@ def print_errors(rows: Sequence[dict[str, Any]]) -> None:
     """Print the distribution of the relative error of each measure."""
     table = _table("Relative errors", "measure", "shapes", "median", "99 %", "worst", "bound", "within")
     for row in rows:
-        numbers = [f"{row[k]:.1e}" for k in ("median", "p99", "worst", "bound")]
+        numbers = ["inf" if row[k] is None else f"{row[k]:.1e}" for k in ("median", "p99", "worst", "bound")]
         table.add_row(row["measure"], f"{row['shapes']:,}", *numbers, f"{row['within']:.2%}")
     _console.print(table)
 

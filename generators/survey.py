@@ -60,8 +60,9 @@ class Finding:
     refused: str | None = None
 
     def row(self) -> dict[str, Any]:
-        """Return all of it as plain values, for JSON."""
-        plain = {k: getattr(self, k) for k in self.__slots__ if k not in ("found", "truth")}
+        """Return all of it as plain values, for JSON; an infinite error is None."""
+        plain = {k: getattr(self, k) for k in self.__slots__ if k not in ("found", "truth", "errors")}
+        plain["errors"] = {k: _finite(error) for k, error in self.errors.items()}
         truth = None if self.truth is None else measures_to_json(self.truth)
         return {**plain, "found": measures_to_json(self.found), "truth": truth}
 
@@ -156,8 +157,8 @@ def excess(points: Points, centre: Points, radius: float) -> float:
     touching = away[np.linalg.norm(away, axis=1) > 1 - 1e-6]
     weights = nnls(np.vstack([touching.T, np.ones(len(touching))]), np.append(np.zeros(points.shape[1]), 1.0))[0]
     weights /= weights.sum()
-    least = np.sqrt(weights @ np.sum(touching**2, axis=1) - np.sum((weights @ touching) ** 2))
-    return float(max(np.linalg.norm(away, axis=1).max(), 1.0) / least - 1.0)
+    least = np.sqrt(max(weights @ np.sum(touching**2, axis=1) - np.sum((weights @ touching) ** 2), 0.0))
+    return float(max(np.linalg.norm(away, axis=1).max(), 1.0) / least - 1.0) if least > 0 else np.inf
 
 
 def errors_of(found: Measures, truth: Measures) -> dict[str, float]:
@@ -203,7 +204,8 @@ BOUNDS = {"cavity": 0.01, "inhabited": 0.0, "top": 0.01, "gap": 0.02, "ball": 1e
 def summarise(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """Return the distribution of each error over the shapes that have that measure.
 
-    Keys: measure, shapes, median, p99 (99th percentile), worst, bound, within (share at or below the bound).
+    Keys: measure, shapes, median, p99 (99th percentile), worst, bound, within (share at or below the bound); an
+    infinite error is None.
     """
     rows = []
     for measure, bound in BOUNDS.items():
@@ -213,8 +215,13 @@ def summarise(findings: Sequence[Finding]) -> list[dict[str, Any]]:
         median, p99 = np.quantile(errors, [0.5, 0.99], method="higher")
         within = float(np.mean(errors <= bound))
         numbers = {"median": median, "p99": p99, "worst": errors.max(), "bound": bound, "within": within}
-        rows.append({"measure": measure, "shapes": len(errors), **{k: float(v) for k, v in numbers.items()}})
+        rows.append({"measure": measure, "shapes": len(errors), **{k: _finite(float(v)) for k, v in numbers.items()}})
     return rows
+
+
+def _finite(value: float) -> float | None:
+    """Return a number that JSON can hold."""
+    return value if np.isfinite(value) else None
 
 
 def as_markdown(findings: Sequence[Finding]) -> str:
