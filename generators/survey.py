@@ -155,6 +155,8 @@ def excess(points: Points, centre: Points, radius: float) -> float:
     """
     away = (points - centre) / radius
     touching = away[np.linalg.norm(away, axis=1) > 1 - 1e-6]
+    if not len(touching):
+        return np.inf
     weights = nnls(np.vstack([touching.T, np.ones(len(touching))]), np.append(np.zeros(points.shape[1]), 1.0))[0]
     weights /= weights.sum()
     least = np.sqrt(max(weights @ np.sum(touching**2, axis=1) - np.sum((weights @ touching) ** 2), 0.0))
