@@ -3,9 +3,9 @@
 Rule. A point of free space is *enclosed* if along the axes it meets material below, above and in at least
 three of the four horizontal directions. A cavity is a connected region of enclosed points that a cube of
 `PROBE` lattice steps can reach without touching anything, so that slots and cracks narrower than about 2 %
-of the shape's longest side neither join regions nor count. It must end in material directly, within one probe,
-at the bottom, at the top and at three or four sides, over `COVER` of each, and be no thinner than
-`THINNEST`. Its box is the region's axis-aligned bounding box; what reaches into it makes it inhabited.
+of the shape's longest side neither join regions nor count. Its box is the region's axis-aligned bounding box, no
+thinner than `THINNEST`; material must bound it directly, within one probe, at the bottom, at the top and at
+three or four sides, over `COVER` of each. What reaches into the box makes it inhabited.
 
 The lattice finds the region; its walls are then placed exactly, at the farthest crossing of lattice lines
 with the surface, and an open side where the enclosure ends, by bisection.
@@ -120,11 +120,11 @@ def _cube_is_free(enclosed: Flags, walled: Flags, i: int, j: int, k: int, n: int
 
 def _measure_region(mesh: Mesh, lattice: Lattice, region: NDArray[np.bool_]) -> Cavity | None:
     """Return the cavity of one region, None if its box is not bounded as the rule asks."""
-    first, last = _span(region)
     cover = {(a, s): _cover(lattice, region, a, s) for a in range(3) for s in (0, 1)}
     backed = {face: share >= COVER for face, share in cover.items()}
     if not (backed[2, 0] and backed[2, 1]) or sum(backed[a, s] for a in (0, 1) for s in (0, 1)) < 3:
         return None
+    first, last = _span(region)
     part = tuple(slice(int(a), int(b) + 1) for a, b in zip(first, last, strict=True))
     corners = np.zeros((2, 3))
     for axis, side in backed:
@@ -150,19 +150,25 @@ def _span(region: NDArray[np.bool_]) -> tuple[Integers, Integers]:
 
 
 def _cover(lattice: Lattice, region: NDArray[np.bool_], axis: int, side: int) -> float:
-    """Return the share of a region's lines along an axis that end in material, within `PROBE` steps outward."""
+    """Return the share of a face of a region's box that material bounds, within `PROBE` steps outward.
+
+    A line along the axis is looked at from the region's outermost point on it, a line that misses the region
+    from the face: past an opening there are no enclosed points, and it must not count as covered.
+    """
     order = (axis, *(a for a in range(3) if a != axis))
     turn = slice(None, None, -1 if side else 1)
     points = region.transpose(order)[turn]
-    outermost = np.argmax(points, axis=0)
-    lines = np.argwhere(points.any(axis=0))
     solid, walled = lattice.solid.transpose(order)[turn], lattice.walled[axis].transpose(order)[turn]
-    at = outermost[lines[:, 0], lines[:, 1]]
-    backed = np.zeros(len(lines), dtype=bool)
+    meets = points.any(axis=0)
+    rows, columns = (np.flatnonzero(meets.any(axis=k))[[0, -1]] for k in (1, 0))
+    i, j = (k.reshape(-1) for k in np.mgrid[rows[0] : rows[1] + 1, columns[0] : columns[1] + 1])
+    outermost = np.argmax(points, axis=0)
+    at = np.where(meets, outermost, outermost[meets].min())[i, j]
+    backed = solid[at, i, j] != 0
     for _ in range(PROBE):  # from point `at` to the next one outward
-        wall = walled[at, lines[:, 0], lines[:, 1]] if side else walled[at - 1, lines[:, 0], lines[:, 1]]
+        wall = walled[at, i, j] if side else walled[np.maximum(at - 1, 0), i, j]
         at = np.maximum(at - 1, 0)
-        backed |= (wall != 0) | (solid[at, lines[:, 0], lines[:, 1]] != 0)
+        backed |= (wall != 0) | (solid[at, i, j] != 0)
     return float(np.mean(backed))
 
 

@@ -72,6 +72,30 @@ def test_what_is_open_above_below_or_at_two_sides_is_none(opening):
     assert measure_cavities(hollow(ROOM, opening)) == ()
 
 
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.9])
+@pytest.mark.parametrize("side", ["back", "floor", "ceiling"])
+def test_a_side_that_is_partly_open_counts_as_open(side, share):
+    """A hole of a tenth of a side or more opens it: no cavity in the floor or the ceiling, nor in the back of an open front."""
+    low, high = {
+        "back": ((-0.1, 0.1, 0.15), (0.2, 0.1 + 0.6 * share, 1.05)),
+        "floor": ((0.05, 0.1, -0.1), (0.45, 0.1 + 0.6 * share, 0.5)),
+        "ceiling": ((0.05, 0.1, 0.6), (0.45, 0.1 + 0.6 * share, 1.3)),
+    }[side]
+    open_front = ((box((0.3, 0.05, 0.1), (0.6, 0.75, 1.1)),) if side == "back" else ())  # fmt: skip
+    mesh = hollow(ROOM, box(low, high), *open_front)
+    covered = 1 - (high[1] - low[1]) * (0.9 if side == "back" else 0.4) / (0.7 * (1.0 if side == "back" else 0.46))
+    assert bool(measure_cavities(mesh)) == (covered >= 0.95)
+
+
+def test_a_drum_ends_at_its_mouth():
+    """A drum whose ring leans out of its machine reaches to the ring's edge."""
+    ring = carved([cylinder(0, (1.0, 0.5, 0.5), 0.4, 0.3, 64)], [cylinder(0, (1.0, 0.5, 0.5), 0.35, 1.0, 64)])
+    machine = carved([box((0, 0, 0), (1, 1, 1))], [cylinder(0, (0.6, 0.5, 0.5), 0.35, 1.0, 64)], [ring])
+    (found,) = measure_cavities(machine)
+    assert found.axis == 0
+    assert np.allclose(found.sizes, (1.05, 0.7, 0.7), atol=1e-3)
+
+
 def test_a_solid_block_and_a_closed_sheet_have_none():
     """A closed surface without an inner wall is solid."""
     assert measure_cavities(CABINET) == ()
