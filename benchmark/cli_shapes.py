@@ -119,6 +119,8 @@ def measure_shapes(
     if as_json:
         print(json.dumps({"errors": summary, "shapes": [f.row() for f in findings], "refused": shelf.refused}))
         return
+    if shelf.shapes:
+        print("Lengths are shares of each shape's longest side.")
     for finding in findings if shelf.shapes else ():
         print(f"{finding.role} {finding.category}/{finding.name}: {in_words(finding)} ({finding.seconds:.1f} s)")
     print_errors(summary)

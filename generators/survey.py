@@ -240,7 +240,7 @@ def _finite(value: float) -> float | None:
 
 def as_markdown(findings: Sequence[Finding]) -> str:
     """Return what was measured as a Markdown table, one row a shape; lengths over the shape's longest side."""
-    head = ("role", "shape", "faces", "closed", "measured", "s")
+    head = ("role", "shape", "faces", "closed", "measured, in shares of the longest side", "s")
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for f in findings:
         cells = (
