@@ -293,7 +293,7 @@ def test_manifest_says_how_it_was_made(test_split):
     assert body["recipe"]["task"] == "tube"
     assert body["audit"]["mismatches"] == 0
     assert set(body["versions"]) >= {"numpy", "numba", "python-fcl", "manifold3d"}
-    assert set(body["shapes_used"]) == {"bucket", "jar"}
+    assert set(body["shapes_used"]) == {"bucket", "dispenser", "jar", "kettle"}
     with h5py.File(test_split / "inputs-00000.h5") as h5:
         assert set(h5) == {"pair_id", "env_points", "obj_points"}
         assert json.loads(h5.attrs["about"]) == {}
