@@ -44,8 +44,9 @@ check: $(VENV)/dev ## format, lint, types, layout
 	MYPYPATH=.typecheck $(BIN)/mypy -p eigenbench
 	$(BIN)/python -m pytest -q tests/test_layout.py
 
-bench: $(VENV)/core ## pairs per second against a plain python-fcl loop, in one run
+bench: $(VENV)/core ## pairs per second against a plain python-fcl loop, in one run; seconds to build the shapes
 	$(BIN)/python tests/bench_tube.py
+	$(BIN)/python tests/bench_shapes.py
 
 clean: ## remove what the targets above made
 	rm -rf $(VENV) .typecheck build out/demo *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
