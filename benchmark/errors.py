@@ -29,7 +29,11 @@ class DataError(EigenbenchError):
 
 
 class ShapeError(EigenbenchError):
-    """A mesh or a shape source cannot be used."""
+    """A mesh or a shape source cannot be used; `refused` holds the reason of each bad shape of a source, by name."""
+
+    def __init__(self, message: str, detail: str = "", refused: dict[str, str] | None = None) -> None:
+        super().__init__(message, detail)
+        self.refused = refused or {}
 
 
 class GenerationError(EigenbenchError):

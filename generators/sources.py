@@ -20,6 +20,8 @@ from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
 """The kinds of source, and the options of each."""
+NAMED = 3
+"""Refused shapes that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +67,12 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
 
         return make_shapes(role, split), {}
     listing = _listing(parsed)
-    wanted = _wanted(parsed, listing, role, split)
     absent = dict.fromkeys(listing.missing(role, split), f"is in the published list but not in {parsed.folder}")
     refused, shapes = listing.refused | absent, []
+    try:
+        wanted = _wanted(parsed, listing, role, split)
+    except ShapeError as error:
+        raise ShapeError(str(error), refused=refused) from error
     copies = Counter((e.category, e.name) for e in wanted)
     for entry in wanted:
         if copies[entry.category, entry.name] > 1:
@@ -79,12 +84,17 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
         except ShapeError as error:
             refused[f"{entry.category}/{entry.name}"] = str(error)
     if not shapes:
-        name = next(reversed(refused))
-        msg = (
-            f"None of the {len(wanted)} {split} {role} shapes in {parsed.folder} can be used; {name}: {refused[name]}."
-        )
-        raise ShapeError(msg)
+        msg = f"None of the {len(wanted)} {split} {role} shapes in {parsed.folder} can be used"
+        raise none_usable(msg, refused)
     return shapes, refused
+
+
+def none_usable(what: str, refused: dict[str, str]) -> ShapeError:
+    """Return the error that says how many shapes were refused, and names the last few, which were read."""
+    named = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[-NAMED:])
+    more = f"; and {len(refused) - NAMED} more" if len(refused) > NAMED else ""
+    msg = f"{what}; {len(refused)} refused: {named}{more}."
+    return ShapeError(msg, refused=refused)
 
 
 def load_notes(source: str, role: str, split: str) -> dict[str, str]:
@@ -145,7 +155,7 @@ def _listing(source: Source) -> Listing:
             f"{source.folder} holds no shapes for {source.kind}=; expected {layouts[source.kind]}; "
             f"found {_found(source.folder)}{reason}.{_advice(source)}"
         )
-        raise ShapeError(msg)
+        raise ShapeError(msg, refused=listing.refused)
     return listing
 
 

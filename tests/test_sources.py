@@ -20,6 +20,7 @@ from eigenbench.generators.library import load_library
 from eigenbench.generators.listing import roles_of, split_of
 from eigenbench.generators.meshes import check_surface, read_mesh
 from eigenbench.generators.partnet import CATEGORY_OF_MODEL_CAT, Z_FROM_Y, read_lists
+from eigenbench.generators.selection import open_source
 from eigenbench.generators.shapenet import CATEGORY_OF_CLASS, CATEGORY_OF_SYNSET
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.sources import load_notes, load_shapes, parse_source, split_rule
@@ -553,6 +554,64 @@ def test_unusable_meshes_are_refused_by_name(tmp_path, vertices, faces, reason):
     assert [s.name for s in shapes] == ["good.obj"]
     assert reason in refused["mug/bad.obj"]
     assert set(load_library(f"meshes={tmp_path}", "train").refused) == {"mug/bad.obj"}
+
+
+def test_all_refused_of_a_split_are_named(tmp_path):
+    """Where one split has no usable shape, its refused ones are still told; the error of loading it counts and names."""
+    write_obj(tmp_path / "bowl" / "ok.obj", MUG)
+    for k in range(5):
+        write_obj(tmp_path / "jar" / f"{k}.obj", Mesh(MUG.vertices * 0, MUG.faces))
+    shelf = open_source(f"meshes={tmp_path}")
+    assert shelf.rows() == [{"role": "object", "category": "bowl", "split": "train", "count": 1}]
+    assert shelf.refused == {f"jar/{k}.obj": "has zero area" for k in range(5)}
+    assert f"None of the 5 test object shapes in {tmp_path} can be used; 5 refused: jar/2.obj: has zero area; " in (
+        message := refusal(f"meshes={tmp_path}", "object", "test")
+    )
+    assert message.endswith("jar/4.obj: has zero area; and 2 more.")
+    (tmp_path / "bowl" / "ok.obj").unlink()
+    with pytest.raises(ShapeError, match="5 refused"):
+        open_source(f"meshes={tmp_path}")
+
+
+def test_broken_links_are_named(tmp_path):
+    """A link that leads nowhere is refused by name in every layout, as file or as folder."""
+    write_obj(tmp_path / "own" / "bowl" / "ok.obj", MUG)
+    write_static(tmp_path / "pm" / "dataset" / "40")
+    write_shapenet(tmp_path / "sn" / "ShapeNetCore.v2" / "03797390" / "a" / "model.obj", MUG)
+    places = {
+        "meshes=own": {"bowl/gone.obj": "bowl/gone.obj", "can": "can"},
+        "partnet=pm": {"dataset/41": "41"},
+        "shapenet=sn": {"ShapeNetCore.v2/02880940": "02880940", "ShapeNetCore.v2/03797390/b": "mug/b"},
+    }
+    for source, links in places.items():
+        kind, _, folder = source.partition("=")
+        for place in links:
+            (tmp_path / folder / place).symlink_to("nowhere")
+        (_,), refused = load_shapes(f"{kind}={tmp_path / folder}", "object", "train")
+        assert refused == dict.fromkeys(links.values(), "is a broken link to nowhere")
+        assert open_source(f"{kind}={tmp_path / folder}").refused == refused
+
+
+@pytest.mark.parametrize("inner", ["", "object/"])
+def test_meshes_too_deep_are_named(tmp_path, inner):
+    """A folder of meshes inside a category is refused by name; one without meshes does not matter."""
+    for place in ("can/ok.obj", "can/sub/x.obj", "can/deep/er/y.stl"):
+        write_obj(tmp_path / f"{inner}{place}", MUG)
+    (tmp_path / f"{inner}can" / "textures").mkdir()
+    (_,), refused = load_shapes(f"meshes={tmp_path}", "object", "train")
+    assert set(refused) == {f"{inner}can/sub", f"{inner}can/deep"}
+    assert set(refused.values()) == {"lies one folder too deep; meshes are read from DIR/<category>/ only"}
+
+
+def test_two_folders_of_shapenet(tmp_path):
+    """Of two ShapeNetCore folders none is chosen: the error names both; one without classes does not count."""
+    for version in ("v1", "v2"):
+        write_shapenet(tmp_path / f"ShapeNetCore.{version}" / "03797390" / "a" / "model.obj", MUG)
+    (tmp_path / "ShapeNetCore.v0").mkdir()
+    message = refusal(f"shapenet={tmp_path}")
+    assert "holds 2 folders of classes" in message
+    assert all(f"ShapeNetCore.{version}" in message for version in ("v1", "v2"))
+    assert one(f"shapenet={tmp_path / 'ShapeNetCore.v1'}") is not None
 
 
 def test_too_many_faces(tmp_path, monkeypatch):
