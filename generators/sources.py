@@ -20,6 +20,8 @@ from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
 """The kinds of source, and the options of each."""
+SIZES = (1e-100, 1e100)
+"""Longest sides of a shape, in any unit, whose cubes are still far from the ends of float64."""
 NAMED = 3
 """Refused shapes that an error names."""
 
@@ -129,16 +131,17 @@ def split_rule(source: str, role: str) -> str:
 
 
 def stand(mesh: Mesh) -> Mesh:
-    """Put a mesh on z = 0; ShapeError if it has no surface or its numbers are too large to do so."""
+    """Put a mesh on z = 0; ShapeError if it has no surface, or numbers too large or too small to compute with."""
     from eigenbench.generators.meshes import check_surface
 
     check_surface(mesh)
-    with np.errstate(over="ignore", invalid="ignore"):
-        vertices = mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()]
-    if not np.isfinite(vertices).all():
-        msg = "has vertices too far apart to compute with"
+    with np.errstate(over="ignore"):
+        size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not SIZES[0] <= size <= SIZES[1]:
+        apart = "close together" if size < SIZES[0] else "far apart"
+        msg = f"has a size of {size:g}: its vertices are too {apart}; sizes from {SIZES[0]:g} to {SIZES[1]:g} are used"
         raise ShapeError(msg)
-    return Mesh(vertices, mesh.faces)
+    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.faces)
 
 
 def _listing(source: Source) -> Listing:

@@ -1,6 +1,8 @@
 """Loaders of what users hold: synthetic trees of each layout, cut from built-in shapes, and the real samples."""
 
 import json
+import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -163,6 +165,9 @@ def test_articulated_shape_is_closed(tmp_path):
         ("prismatic", 'lower="0.1" upper="0.5"', 0.1),
         ("prismatic", 'lower="x" upper="-0.2"', -0.2),
         ("prismatic", 'lower="nan" upper="inf"', 0.0),
+        ("prismatic", 'lower="3" upper="2"', 0.0),
+        ("prismatic", 'lower="-1" upper="-2"', 0.0),
+        ("prismatic", 'lower="2" upper="2"', 2.0),
         ("prismatic", "", 0.0),
         ("fixed", 'lower="1" upper="2"', 0.0),
         ("continuous", 'lower="1" upper="2"', 0.0),
@@ -174,6 +179,20 @@ def test_closed_value(tmp_path, kind, limits, expected):
     urdf = link("base") + link("a", "a.obj") + joint("j", kind, "base", "a", f'<axis xyz="0 0 3"/>{limit}')
     pose = read_closed_pose(write_id(tmp_path, urdf) / "mobility.urdf")
     assert np.allclose(pose.parts[0].root_from_mesh[:3, 3], [0, 0, expected])
+
+
+@pytest.mark.parametrize(
+    ("limits", "notes"),
+    [
+        ('lower="nan" upper="1"', ["j: lower limit 'nan' is not a number and was ignored"]),
+        ('lower="3" upper="2"', ["j: lower limit 3 is above upper limit 2; both were ignored"]),
+        ('lower="-inf" upper="inf"', []),
+    ],
+)
+def test_malformed_limits_are_noted(tmp_path, limits, notes):
+    """A limit that is no number, or two that are swapped, are ignored with a note; infinite ones are none."""
+    urdf = link("base") + link("a", "a.obj") + joint("j", "revolute", "base", "a", f"<limit {limits}/>")
+    assert list(read_closed_pose(write_id(tmp_path, urdf) / "mobility.urdf").notes) == notes
 
 
 def test_rotations_agree_with_scipy():
@@ -229,6 +248,7 @@ BODY = link("base") + link("body", "textured_objs/a.obj")
         (BODY.replace("a.obj", "b.obj") + ROOT, r"textured_objs/b.obj is missing"),
         (BODY + ROOT + link("c", "textured_objs/a.obj"), "2 root links"),
         (BODY + ROOT.replace("fixed", "screw"), "type 'screw'"),
+        (BODY + ROOT + link("body"), "two links are named 'body'"),
         (BODY + ROOT + ROOT.replace('"root"', '"r2"'), "hangs at 2 joints"),
         (BODY + ROOT.replace('parent link="base"', 'parent link="nowhere"'), "which does not exist"),
         (BODY + ROOT.replace('<parent link="base"/>', ""), "has no parent"),
@@ -554,6 +574,64 @@ def test_unusable_meshes_are_refused_by_name(tmp_path, vertices, faces, reason):
     assert [s.name for s in shapes] == ["good.obj"]
     assert reason in refused["mug/bad.obj"]
     assert set(load_library(f"meshes={tmp_path}", "train").refused) == {"mug/bad.obj"}
+
+
+@pytest.mark.parametrize("scale", [1e-170, 1e-101, 1e-99, 1e99, 1e101, 1e170])
+def test_extreme_sizes(tmp_path, scale):
+    """A size whose cube nears the ends of float64 is refused by name; up to there a shape is measured and packed."""
+    write_obj(tmp_path / "table" / "a.obj", Mesh(TALL.vertices * scale, TALL.faces))
+    source, split = f"meshes={tmp_path}", split_of("table", "a.obj", "environment")
+    if 1e-100 < scale < 1e100:
+        library = load_library(source, split, "environment")
+        assert not library.refused
+        top = library.measures[0].top
+        assert np.ptp(top.outline, axis=0) * library.diameters[0] == pytest.approx([scale, 2 * scale], rel=1e-6)
+    else:
+        assert "table/a.obj: has a size of " in refusal(source, "environment", split)
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (0, "it is cut short: 0 of 12 bytes"),
+        (8, "it is cut short: 8 of 12 bytes"),
+        (-50, "it is cut short"),
+        ("header", "a GLB chunk is missing: JSON"),
+        ("json", "a GLB chunk is missing: BIN"),
+        ("chunk", "a GLB chunk is cut short"),
+        ("text", "it is no GLB file"),
+        ("old", "it is GLB of version 1"),
+    ],
+)
+def test_stubs_of_glb(tmp_path, end, reason):
+    """What is missing of a GLB file is told."""
+    whole = trimesh.Trimesh(TALL.vertices, TALL.faces, process=False).export(file_type="glb")
+    text = 20 + int.from_bytes(whole[12:16], "little")
+
+    def headed(data: bytes) -> bytes:
+        return data[:8] + len(data).to_bytes(4, "little") + data[12:]
+
+    stubs = {
+        "header": headed(whole[:12]),
+        "json": headed(whole[:text]),
+        "chunk": headed(whole[:-4]),
+        "text": b"v 0 0 0" + whole,
+        "old": whole[:4] + b"\1" + whole[5:],
+    }
+    (tmp_path / "a.glb").write_bytes(stubs[end] if isinstance(end, str) else whole[:end])
+    with pytest.raises(ShapeError, match=f"cannot be read: {reason}"):
+        read_mesh(tmp_path / "a.glb")
+    (tmp_path / "a.glb").write_bytes(whole)
+    assert len(read_mesh(tmp_path / "a.glb").faces) == 12
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="file names are Unicode here")
+def test_file_name_that_is_not_utf8(tmp_path):
+    """Such a name is refused in words, and stands in the way of no other shape."""
+    for name in ("a.obj", os.fsdecode(b"\xff.obj")):
+        write_obj(tmp_path / "mug" / name, MUG)
+    (_,), refused = load_shapes(f"meshes={tmp_path}", "object", "train")
+    assert list(refused.values()) == ["cannot be read: its file name is not UTF-8: rename it"]
 
 
 def test_all_refused_of_a_split_are_named(tmp_path):
