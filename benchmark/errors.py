@@ -53,3 +53,11 @@ def choose(what: str, name: str, known: Iterable[str]) -> str:
     hint = f" Did you mean '{near[0]}'?" if near else ""
     msg = f"Unknown {what} '{name}'.{hint} Known: {', '.join(names)}."
     raise UsageError(msg)
+
+
+def printable(text: str) -> str:
+    """Return text that stays on its line and commands no terminal: other characters as escapes, as in a literal.
+
+    File names can hold line breaks, terminal codes, marks that turn the writing around, and bytes that are no text.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -56,7 +56,8 @@ Z_FROM_Y = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 def list_partnet(folder: Path, lists: str = "") -> Listing:
     """List the shapes of the paper's categories; broken links and ids of no known category are refused by name."""
-    entries, refused = [], {}
+    entries: list[Entry] = []
+    refused: dict[str, str] = {}
     for root in {folder: None, _root(folder): None}:
         refused |= {p.name: reason for p, reason in broken_links(root).items()}
     for place in id_folders(folder):
