@@ -20,8 +20,8 @@ from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
 """The kinds of source, and the options of each."""
-SIZES = (1e-100, 1e100)
-"""Longest sides of a shape, in any unit, whose cubes are still far from the ends of float64."""
+SIZES = (1e-30, 1e30)
+"""Longest sides of a shape, in any unit: GLB files hold float32, and measuring takes the fifth power of lengths."""
 NAMED = 3
 """Refused shapes that an error names."""
 
