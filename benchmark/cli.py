@@ -16,7 +16,7 @@ import typer
 
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.console import SOURCES, Json, Workers, print_refused, progress_on
-from eigenbench.errors import DataError, EigenbenchError
+from eigenbench.errors import DataError, EigenbenchError, printable
 
 app = typer.Typer(
     name="eigenbench",
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _fail(message: str, detail: str, debug: bool) -> int:
-    print(f"error: {message}", file=sys.stderr)
+    print(printable(f"error: {message}"), file=sys.stderr)
     if debug:
         print(detail or traceback.format_exc(), file=sys.stderr)
     return 2

@@ -1,12 +1,14 @@
 """The commands about shapes: `eigenbench shapes list|show|export|measure`. Part of the composition root."""
 
 import json
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from eigenbench.console import SOURCES, Json, Workers, print_refused, progress_on
+from eigenbench.errors import UsageError, printable
 
 shapes_app = typer.Typer(
     help="The shapes that data are made from: list them, look at them, take them along, measure them.",
@@ -15,6 +17,8 @@ shapes_app = typer.Typer(
 
 Source = Annotated[str, typer.Option("--shapes", help=SOURCES)]
 Role = Annotated[str | None, typer.Option(help="object, environment or mug; default: all.")]
+Category = Annotated[str | None, typer.Argument(metavar="category", help="One category; default: all.")]
+CategoryOption = Annotated[str | None, typer.Option("--category", help="One category; default: all.")]
 Split = Annotated[str | None, typer.Option(help="train or test; default: both.")]
 
 
@@ -34,8 +38,9 @@ def list_shapes(source: Source = "default", as_json: Json = False) -> None:
 
 @shapes_app.command("show")
 def show_shapes(
-    category: Annotated[str | None, typer.Argument(help="One category; default: some shapes of every one.")] = None,
+    argument: Category = None,
     role: Role = None,
+    category: CategoryOption = None,
     split: Split = None,
     index: Annotated[list[int] | None, typer.Option(help="Shape of the category; may be repeated.")] = None,
     count: Annotated[
@@ -50,6 +55,7 @@ def show_shapes(
     from eigenbench.generators.contact_sheets import check_png, draw, write_png
     from eigenbench.generators.selection import open_source, select
 
+    category = _one(argument, category)
     path = out or Path(f"{category or 'shapes'}.png")
     check_png(path)
     shelf = open_source(source, measuring=measures)
@@ -67,7 +73,7 @@ def show_shapes(
 def export_shapes(
     out: Annotated[Path, typer.Argument(help="Folder that receives <split>/<role>/<category>/ and measures.json.")],
     role: Role = None,
-    category: Annotated[str | None, typer.Option(help="One category; default: all.")] = None,
+    category: CategoryOption = None,
     split: Split = None,
     kind: Annotated[str, typer.Option("--format", help="obj or glb.")] = "obj",
     source: Source = "default",
@@ -94,8 +100,9 @@ def export_shapes(
 
 @shapes_app.command("measure")
 def measure_shapes(
-    category: Annotated[str | None, typer.Argument(help="One category; default: every one.")] = None,
+    argument: Category = None,
     role: Role = None,
+    category: CategoryOption = None,
     split: Split = None,
     count: Annotated[int | None, typer.Option(help="Shapes a category, spread evenly; default: all.")] = None,
     source: Source = "default",
@@ -109,6 +116,9 @@ def measure_shapes(
     from eigenbench.shards import write_text_atomically
     from eigenbench.tables import print_errors
 
+    category = _one(argument, category)
+    if out is not None:
+        _check_table(out)
     shelf = open_source(source)
     chosen = select(shelf, role, category, split, (), count)
     with progress_on(as_json) as progress:
@@ -122,6 +132,28 @@ def measure_shapes(
     if shelf.shapes:
         print("Lengths are shares of each shape's longest side.")
     for finding in findings if shelf.shapes else ():
-        print(f"{finding.role} {finding.category}/{finding.name}: {in_words(finding)} ({finding.seconds:.1f} s)")
+        name = f"{finding.role} {finding.category}/{finding.name}"
+        print(printable(f"{name}: {in_words(finding)} ({finding.seconds:.1f} s)"))
     print_errors(summary)
     print_refused(shelf.refused)
+
+
+def _one(argument: str | None, option: str | None) -> str | None:
+    """Return the category, which may be given as argument or as option; UsageError where they differ."""
+    if argument is not None and option is not None and argument != option:
+        msg = f"Category is '{argument}' as argument, but --category is '{option}'; give one of them."
+        raise UsageError(msg)
+    return argument if option is None else option
+
+
+def _check_table(path: Path) -> None:
+    """Raise UsageError unless a table can be written to `path`: before the work, not after it."""
+    try:
+        if path.is_dir():
+            msg = f"Table {path} is a folder. Choose another --out."
+            raise UsageError(msg)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        msg = f"Table {path} cannot be written: {error.strerror} ({path.parent}). Choose another --out."
+        raise UsageError(msg) from error

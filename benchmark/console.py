@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.errors import printable
+
 SOURCES = (
     "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
     "shapenet=DIR (ShapeNetCore)."
@@ -50,4 +52,4 @@ def progress_on(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]
 def print_refused(refused: dict[str, str]) -> None:
     """Print a line for each shape that was not used, with the reason."""
     for name, reason in refused.items():
-        print(f"  not used: {name}: {reason}")
+        print(printable(f"  not used: {name}: {reason}"))

@@ -29,7 +29,11 @@ class DataError(EigenbenchError):
 
 
 class ShapeError(EigenbenchError):
-    """A mesh or a shape source cannot be used."""
+    """A mesh or a shape source cannot be used; `refused` holds the reason of each bad shape of a source, by name."""
+
+    def __init__(self, message: str, detail: str = "", refused: dict[str, str] | None = None) -> None:
+        super().__init__(message, detail)
+        self.refused = refused or {}
 
 
 class GenerationError(EigenbenchError):
@@ -49,3 +53,11 @@ def choose(what: str, name: str, known: Iterable[str]) -> str:
     hint = f" Did you mean '{near[0]}'?" if near else ""
     msg = f"Unknown {what} '{name}'.{hint} Known: {', '.join(names)}."
     raise UsageError(msg)
+
+
+def printable(text: str) -> str:
+    """Return text that stays on its line and commands no terminal: other characters as escapes, as in a literal.
+
+    File names can hold line breaks, terminal codes, marks that turn the writing around, and bytes that are no text.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eigenbench.checking import Finding
+from eigenbench.errors import printable
 from eigenbench.tasks import SPLITS
 
 _console = Console(highlight=False, soft_wrap=True, markup=False)
@@ -142,12 +143,12 @@ def print_description(d: dict[str, Any]) -> None:
     _console.print(lengths)
     objects = _table("Objects", "category", "shapes", "pairs", "positive")
     for name, o in d["objects"].items():
-        objects.add_row(name, str(o["shapes"]), f"{o['pairs']:,}", f"{o['positive_rate']:.1%}")
+        objects.add_row(printable(name), str(o["shapes"]), f"{o['pairs']:,}", f"{o['positive_rate']:.1%}")
     _console.print(objects)
     _console.print("margin / deciding length: " + ", ".join(f"{k}: {v:.1%}" for k, v in d["margins"].items()))
     _console.print("reasons: " + ", ".join(f"{k} {n:,}" for k, n in d["reasons"].items() if n))
     for name, reason in d["shapes_refused"].items():
-        _console.print(f"not used: {name}: {reason}")
+        _console.print(printable(f"not used: {name}: {reason}"))
     _console.print("made with " + ", ".join(f"{k} {v}" for k, v in d["versions"].items()) + "\n")
 
 
@@ -161,11 +162,11 @@ def print_shapes(rows: Sequence[dict[str, Any]], refused: dict[str, str]) -> Non
     for role in dict.fromkeys(r["role"] for r in rows):
         of_role = [r for r in rows if r["role"] == role]
         for category in dict.fromkeys(r["category"] for r in of_role):
-            table.add_row(role, category, *_by_split(r for r in of_role if r["category"] == category))
+            table.add_row(role, printable(category), *_by_split(r for r in of_role if r["category"] == category))
         table.add_row(role, "all", *_by_split(of_role), end_section=True)
     _console.print(table)
     for name, reason in refused.items():
-        _console.print(f"not used: {name}: {reason}")
+        _console.print(printable(f"not used: {name}: {reason}"))
 
 
 def print_errors(rows: Sequence[dict[str, Any]]) -> None:

@@ -55,14 +55,15 @@ def export(
 
     Parameters
     ----------
-    kind : obj or glb
+    kind : obj or glb, in any case
     about : further entries of measures.json: where the shapes come from
 
     Raises
     ------
     UsageError : unknown format, `out` holds other files, or cannot be written
     """
-    encode = ENCODERS[choose("format", kind, ENCODERS)]
+    kind = choose("format", kind.lower(), ENCODERS)
+    encode = ENCODERS[kind]
     check_folder(out)
     temporary = out / f".export.{os.getpid()}-{secrets.token_hex(4)}.tmp"
     total = sum(len(s.indices) for s in selections)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators.holdings import CATEGORIES
-from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, no_notes, subfolders
+from eigenbench.generators.listing import Entry, Listing, broken_links, contents, expand, is_file, no_notes, subfolders
 from eigenbench.generators.meshes import SUFFIXES, read_mesh
 from eigenbench.generators.solids import Mesh
 
@@ -28,6 +28,8 @@ becomes +x."""
 UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
 """Formats that fix their up axis (glTF 2.0, section 3.4)."""
 UP_FILE = "up.json"
+ROLE_FOLDERS = ("object", "environment")
+TOO_DEEP = "lies one folder too deep; meshes are read from DIR/<category>/ only"
 UNSTATED = "up axis not stated: z was taken; pass up=y, or list the file in up.json, if it lies on its side"
 
 
@@ -47,7 +49,7 @@ class UpAxes:
 
 def list_meshes(folder: Path, up: str = "") -> Listing:
     """List the mesh files of a folder; ShapeError where it does not exist or its up axes are misstated."""
-    found = [(role, category, path) for role in ("object", "environment") for category, path in _files(folder, role)]
+    found = [(role, category, path) for role in ROLE_FOLDERS for category, path in _files(folder, role)]
     places = {path: path.relative_to(folder).as_posix() for _, _, path in found}
     axes = read_up_axes(folder, up, list(places.values()))
     entries = []
@@ -58,7 +60,7 @@ def list_meshes(folder: Path, up: str = "") -> Listing:
         entries.append(Entry(category, path.name, path, (role,), read, no_notes if role == "object" else notes))
         if (role, category) == ("object", "mug"):
             entries.append(Entry(category, path.name, path, ("mug",), read, notes))
-    return Listing(entries)
+    return Listing(entries, _left_out(folder))
 
 
 def read_upright(path: Path, up: str) -> Mesh:
@@ -79,24 +81,40 @@ def holds_meshes(folder: Path) -> bool:
 
 def _files(folder: Path, role: str) -> list[tuple[str, Path]]:
     """Return (category, file) of every mesh of a role."""
-    categories = subfolders(folder)
-    root = folder / role
-    told = root in categories
-    if told:
-        categories = subfolders(root)
-    files = [("uncategorised", p) for p in _meshes(root)] if told else []
-    if not told and role == "object":
-        files = [("uncategorised", p) for p in _meshes(folder)]
-    for sub in categories:
+    return [(category, p) for category, place in _places(folder, role) for p in _meshes(place)]
+
+
+def _places(folder: Path, role: str) -> list[tuple[str, Path]]:
+    """Return (category, folder) of all folders that are searched for meshes of a role."""
+    root, there = folder / role, subfolders(folder)
+    if root in there:
+        return [("uncategorised", root), *((category_of(sub.name), sub) for sub in subfolders(root))]
+    places = [("uncategorised", folder)] if role == "object" else []
+    for sub in there:
         category = category_of(sub.name)
         named = "environment" if category in CATEGORIES["environment"]["train"] and category != "box" else "object"
-        if told or (named == role and category not in ("object", "environment")):
-            files += [(category, p) for p in _meshes(sub)]
-    return files
+        if named == role and category not in ROLE_FOLDERS:
+            places.append((category, sub))
+    return places
+
+
+def _left_out(folder: Path) -> dict[str, str]:
+    """Return the reason by path below DIR of broken links, and of folders of meshes that lie too deep to be read."""
+    searched = {folder: None} | {place: None for role in ROLE_FOLDERS for _, place in _places(folder, role)}
+    left_out: dict[Path, str] = {}
+    for place in searched:
+        left_out |= broken_links(place)
+        if place not in (folder, *(folder / role for role in ROLE_FOLDERS)):
+            left_out |= {sub: TOO_DEEP for sub in subfolders(place) if any(map(_is_mesh, sub.rglob("*")))}
+    return {path.relative_to(folder).as_posix(): reason for path, reason in left_out.items()}
 
 
 def _meshes(folder: Path) -> list[Path]:
-    return [p for p in contents(folder) if p.suffix.lower() in SUFFIXES and p.is_file()]
+    return [p for p in contents(folder) if _is_mesh(p) and is_file(p)]
+
+
+def _is_mesh(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES
 
 
 def read_up_axes(folder: Path, option: str, places: list[str]) -> UpAxes:

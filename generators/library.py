@@ -19,7 +19,7 @@ from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.measuring import measured
 from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
-from eigenbench.generators.sources import load_shapes, parse_source
+from eigenbench.generators.sources import load_shapes, none_usable, parse_source
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -163,9 +163,8 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         except ShapeError as error:
             refused[f"{shape.category}/{shape.name}"] = str(error)
     if not kept:
-        name, reason = next(reversed(refused.items()))
-        msg = f"No shape can be used; {name}: {reason}."
-        raise ShapeError(msg)
+        msg = "No shape can be used"
+        raise none_usable(msg, refused)
     categories = np.array([_short(s.category, _CATEGORY_BYTES) for s in kept], dtype=f"S{_CATEGORY_BYTES}")
     surface = Surface(
         np.concatenate([p.triangles for p in packed]),

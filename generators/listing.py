@@ -52,7 +52,7 @@ class Listing:
     Attributes
     ----------
     entries : in any order
-    refused : reason by id, for ids whose category is not even known
+    refused : reason by name, for what is not even listed: ids of no known category, broken links, misplaced files
     lists : what the published lists say of each (role, category, name): "train", "test", "either" (the seed
         decides) or "" (left out); None where no lists were passed
     """
@@ -90,7 +90,13 @@ def roles_of(category: str) -> tuple[str, ...]:
 
 def subfolders(folder: Path) -> list[Path]:
     """Return the folders in a folder, by name, without hidden ones."""
-    return [p for p in contents(folder) if p.is_dir() and not p.name.startswith(".")]
+    return [p for p in contents(folder) if is_folder(p) and not p.name.startswith(".")]
+
+
+def broken_links(folder: Path) -> dict[Path, str]:
+    """Return the reason by path of the links in a folder that lead nowhere, without hidden ones."""
+    links = [p for p in contents(folder) if p.is_symlink() and not p.name.startswith(".")]
+    return {p: f"is a broken link to {p.readlink()}" for p in links if not (is_file(p) or is_folder(p))}
 
 
 def contents(folder: Path, what: str = "Shape folder") -> list[Path]:
@@ -108,6 +114,14 @@ def is_file(path: Path) -> bool:
     """Say whether a file is there; a name that no file can have is not."""
     try:
         return path.is_file()
+    except OSError:
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Say whether a folder is there; one that may not be looked at is not."""
+    try:
+        return path.is_dir()
     except OSError:
         return False
 

@@ -1,6 +1,8 @@
 """Reading mesh files. The only module that knows trimesh."""
 
+import json
 import logging
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from eigenbench.generators.solids import Faces, Mesh, Points
 SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".ply", ".off")
 COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 """glTF extensions that hide the vertices."""
+GLB_VERSION = 2
 MAX_FACES = 1_000_000
 """Larger meshes are refused. At the limit, reading takes up to 3 s and preparing 4 to 12 s and 0.9 GB."""
 
@@ -23,7 +26,7 @@ def read_mesh(path: Path) -> Mesh:
     """
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
-        _check_compression(path)
+        _check_file(path)
         vertices, faces = _in_place(trimesh.load_scene(path, process=False, skip_materials=True))
     except Exception as error:
         # Loaders of a dozen formats raise anything; a damaged file must be named, not end the run.
@@ -47,13 +50,54 @@ def read_mesh(path: Path) -> Mesh:
     return Mesh(vertices, faces)
 
 
-def _check_compression(path: Path) -> None:
-    # trimesh takes compressed glTF for a mesh whose vertices all lie at the origin.
+def _check_file(path: Path) -> None:
+    """Raise ShapeError for what trimesh misreads, or tells in words that help nobody."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        msg = "its file name is not UTF-8: rename it"
+        raise ShapeError(msg) from error
     if path.suffix.lower() in (".glb", ".gltf"):
         data = path.read_bytes()
+        # trimesh takes compressed glTF for a mesh whose vertices all lie at the origin.
         if packed := [name for name in COMPRESSIONS if name.encode() in data]:
             msg = f"its meshes are compressed ({packed[0]}): save it without compression"
             raise ShapeError(msg)
+        if path.suffix.lower() == ".glb":
+            _check_chunks(data)
+
+
+def _check_chunks(data: bytes) -> None:
+    """Raise ShapeError unless a GLB file is whole: a header, JSON and, where a buffer needs it, binary data.
+
+    Source: glTF 2.0, section 4.4.
+    """
+    if data[:4] != b"glTF"[: len(data)]:
+        msg = "it is no GLB file: it does not begin with 'glTF'"
+        raise ShapeError(msg)
+    version, length = struct.unpack("<II", data[4:12].ljust(8, b"\0"))
+    if len(data) < max(12, length):
+        msg = f"it is cut short: {len(data)} of {max(12, length)} bytes are there"
+        raise ShapeError(msg)
+    if version != GLB_VERSION:
+        msg = f"it is GLB of version {version}; only version {GLB_VERSION} is read"
+        raise ShapeError(msg)
+    chunks: dict[bytes, bytes] = {}
+    place = 12
+    while place + 8 <= length:
+        size, kind = struct.unpack_from("<I4s", data, place)
+        chunks.setdefault(kind, data[place + 8 : place + 8 + size])
+        place += 8 + size
+    if place > length:
+        msg = f"a GLB chunk is cut short: it ends at byte {place} of {length}"
+        raise ShapeError(msg)
+    if b"JSON" not in chunks:
+        msg = "a GLB chunk is missing: JSON"
+        raise ShapeError(msg)
+    buffers = json.loads(chunks[b"JSON"]).get("buffers", [])
+    if b"BIN\0" not in chunks and any("uri" not in buffer for buffer in buffers):
+        msg = "a GLB chunk is missing: BIN, which holds the vertices"
+        raise ShapeError(msg)
 
 
 def check_surface(mesh: Mesh) -> None:

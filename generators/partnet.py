@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eigenbench.errors import ShapeError
-from eigenbench.generators.listing import Entry, Listing, contents, expand, is_file, roles_of, subfolders
+from eigenbench.generators.listing import Entry, Listing, broken_links, contents, expand, is_file, roles_of, subfolders
 from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.urdf import ClosedPose, Matrix, Part, read_closed_pose
@@ -55,8 +55,11 @@ Z_FROM_Y = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 def list_partnet(folder: Path, lists: str = "") -> Listing:
-    """List the shapes of the paper's categories; ids whose category cannot be told are refused by name."""
-    entries, refused = [], {}
+    """List the shapes of the paper's categories; broken links and ids of no known category are refused by name."""
+    entries: list[Entry] = []
+    refused: dict[str, str] = {}
+    for root in {folder: None, _root(folder): None}:
+        refused |= {p.name: reason for p, reason in broken_links(root).items()}
     for place in id_folders(folder):
         try:
             category = _category(place)
@@ -75,10 +78,12 @@ def list_partnet(folder: Path, lists: str = "") -> Listing:
 
 def id_folders(folder: Path) -> list[Path]:
     """Return the folders of the ids, in DIR or DIR/dataset: those with a number for a name, or with a URDF file."""
-    places = subfolders(folder)
-    if folder / "dataset" in places:
-        places = subfolders(folder / "dataset")
-    return [p for p in places if _is_id(p.name) or _urdf(p)]
+    return [p for p in subfolders(_root(folder)) if _is_id(p.name) or _urdf(p)]
+
+
+def _root(folder: Path) -> Path:
+    inner = folder / "dataset"
+    return inner if inner in subfolders(folder) else folder
 
 
 def holds_partnet(folder: Path) -> bool:

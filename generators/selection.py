@@ -104,6 +104,7 @@ def open_source(source: str, *, measuring: bool = False) -> Shelf:
             found, bad = load_shapes(source, role, split)
         except ShapeError as error:
             troubles.append(error)
+            refused |= error.refused
             continue
         refused |= bad
         for shape in found:
@@ -112,7 +113,7 @@ def open_source(source: str, *, measuring: bool = False) -> Shelf:
             counts.setdefault(key, {}).setdefault(split, 0)
             counts[key][split] += 1
     if not shapes:
-        raise troubles[0]
+        raise next((t for t in troubles if t.refused), troubles[0])
     return Shelf(
         dict(sorted(counts.items(), key=lambda c: (ROLES.index(c[0][0]), c[0][1]))), shapes, refused, measuring
     )

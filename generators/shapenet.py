@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eigenbench.errors import ShapeError
-from eigenbench.generators.listing import Entry, Listing, contents, roles_of, subfolders
+from eigenbench.generators.listing import Entry, Listing, broken_links, contents, is_file, roles_of, subfolders
 from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.solids import Mesh
 
@@ -61,15 +61,25 @@ MODEL_FILES = {"models/model_normalized.obj": "version 2", "model.obj": "version
 
 
 def list_shapenet(folder: Path) -> Listing:
-    """List the models of the paper's categories; a model without files is refused when it is read."""
+    """List the models of the paper's categories; a model without files is refused when it is read.
+
+    ShapeError where DIR holds several ShapeNetCore folders.
+    """
+    roots = _roots(folder)
+    if len(roots) > 1:
+        names = " and ".join(str(root) for root in roots[:2])
+        msg = f"{folder} holds {len(roots)} folders of classes, {names}; pass one of them: shapenet={roots[0]}."
+        raise ShapeError(msg)
+    links = {p: reason for root in (folder, *_cores(folder)) for p, reason in broken_links(root).items()}
+    refused = {p.name: reason for p, reason in links.items() if _category(p) or _is_core(p)}
     entries = []
     for place in _class_folders(folder):
-        synset = place.name in CATEGORY_OF_SYNSET
-        category = CATEGORY_OF_SYNSET[place.name] if synset else CATEGORY_OF_CLASS[_class_name(place)]
+        synset, category = place.name in CATEGORY_OF_SYNSET, _category(place)
+        refused |= {f"{category}/{p.stem}": reason for p, reason in broken_links(place).items()}
         models = subfolders(place) if synset else []
-        models += [] if synset else [p for p in contents(place) if p.suffix.lower() == ".glb" and p.is_file()]
+        models += [] if synset else [p for p in contents(place) if p.suffix.lower() == ".glb" and is_file(p)]
         entries += [Entry(category, p.stem, p, roles_of(category), partial(read_model, p)) for p in models]
-    return Listing(entries)
+    return Listing(entries, refused)
 
 
 def read_model(place: Path) -> Mesh:
@@ -98,12 +108,24 @@ def version_of(folder: Path) -> str:
 
 
 def _class_folders(folder: Path) -> list[Path]:
-    """Return the folders of the classes that the paper uses, in DIR or in its only ShapeNetCore folder."""
-    places = subfolders(folder)
-    if inner := [p for p in places if p.name.lower().startswith("shapenetcore")]:
-        places = subfolders(inner[0])
-    return [p for p in places if p.name in CATEGORY_OF_SYNSET or _class_name(p) in CATEGORY_OF_CLASS]
+    """Return the folders of the classes that the paper uses, in DIR or in its ShapeNetCore folders."""
+    return [p for root in _roots(folder) for p in subfolders(root) if _category(p)]
 
 
-def _class_name(place: Path) -> str:
-    return place.name.strip().lower().replace(" ", "_")
+def _roots(folder: Path) -> list[Path]:
+    """Return the folders that hold folders of classes: DIR, or ShapeNetCore folders in it."""
+    return [root for root in (folder, *_cores(folder)) if any(_category(p) for p in subfolders(root))]
+
+
+def _cores(folder: Path) -> list[Path]:
+    return [p for p in subfolders(folder) if _is_core(p)]
+
+
+def _is_core(place: Path) -> bool:
+    return place.name.lower().startswith("shapenetcore")
+
+
+def _category(place: Path) -> str:
+    """Return our category of a folder of models, "" where the paper uses none of it."""
+    name = place.name.strip().lower().replace(" ", "_")
+    return CATEGORY_OF_SYNSET.get(place.name) or CATEGORY_OF_CLASS.get(name, "")

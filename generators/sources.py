@@ -20,6 +20,10 @@ from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
 """The kinds of source, and the options of each."""
+SIZES = (1e-30, 1e30)
+"""Longest sides of a shape, in any unit: GLB files hold float32, and measuring takes the fifth power of lengths."""
+NAMED = 3
+"""Refused shapes that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +69,12 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
 
         return make_shapes(role, split), {}
     listing = _listing(parsed)
-    wanted = _wanted(parsed, listing, role, split)
     absent = dict.fromkeys(listing.missing(role, split), f"is in the published list but not in {parsed.folder}")
     refused, shapes = listing.refused | absent, []
+    try:
+        wanted = _wanted(parsed, listing, role, split)
+    except ShapeError as error:
+        raise ShapeError(str(error), refused=refused) from error
     copies = Counter((e.category, e.name) for e in wanted)
     for entry in wanted:
         if copies[entry.category, entry.name] > 1:
@@ -79,12 +86,17 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
         except ShapeError as error:
             refused[f"{entry.category}/{entry.name}"] = str(error)
     if not shapes:
-        name = next(reversed(refused))
-        msg = (
-            f"None of the {len(wanted)} {split} {role} shapes in {parsed.folder} can be used; {name}: {refused[name]}."
-        )
-        raise ShapeError(msg)
+        msg = f"None of the {len(wanted)} {split} {role} shapes in {parsed.folder} can be used"
+        raise none_usable(msg, refused)
     return shapes, refused
+
+
+def none_usable(what: str, refused: dict[str, str]) -> ShapeError:
+    """Return the error that says how many shapes were refused, and names the last few, which were read."""
+    named = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[-NAMED:])
+    more = f"; and {len(refused) - NAMED} more" if len(refused) > NAMED else ""
+    msg = f"{what}; {len(refused)} refused: {named}{more}."
+    return ShapeError(msg, refused=refused)
 
 
 def load_notes(source: str, role: str, split: str) -> dict[str, str]:
@@ -119,16 +131,17 @@ def split_rule(source: str, role: str) -> str:
 
 
 def stand(mesh: Mesh) -> Mesh:
-    """Put a mesh on z = 0; ShapeError if it has no surface or its numbers are too large to do so."""
+    """Put a mesh on z = 0; ShapeError if it has no surface, or numbers too large or too small to compute with."""
     from eigenbench.generators.meshes import check_surface
 
     check_surface(mesh)
-    with np.errstate(over="ignore", invalid="ignore"):
-        vertices = mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()]
-    if not np.isfinite(vertices).all():
-        msg = "has vertices too far apart to compute with"
+    with np.errstate(over="ignore"):
+        size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not SIZES[0] <= size <= SIZES[1]:
+        apart = "close together" if size < SIZES[0] else "far apart"
+        msg = f"has a size of {size:g}: its vertices are too {apart}; sizes from {SIZES[0]:g} to {SIZES[1]:g} are used"
         raise ShapeError(msg)
-    return Mesh(vertices, mesh.faces)
+    return Mesh(mesh.vertices - [0.0, 0.0, mesh.vertices[:, 2].min()], mesh.faces)
 
 
 def _listing(source: Source) -> Listing:
@@ -145,7 +158,7 @@ def _listing(source: Source) -> Listing:
             f"{source.folder} holds no shapes for {source.kind}=; expected {layouts[source.kind]}; "
             f"found {_found(source.folder)}{reason}.{_advice(source)}"
         )
-        raise ShapeError(msg)
+        raise ShapeError(msg, refused=listing.refused)
     return listing
 
 

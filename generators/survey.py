@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment, nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from eigenbench.errors import ShapeError
+from eigenbench.errors import ShapeError, printable
 from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.measuring import measured

@@ -68,7 +68,7 @@ def read_closed_pose(path: Path) -> ClosedPose:
         msg = f"{path.name} cannot be read: {error}"
         raise ShapeError(msg) from error
     notes: list[str] = []
-    links = {_attribute(link, "name"): link for link in robot.findall("link")}
+    links = _read_links(robot)
     joints = [_read_joint(element, notes) for element in robot.findall("joint")]
     root = _find_root(links, joints)
     poses = {root: np.eye(4)}
@@ -127,6 +127,17 @@ def rotation(roll: float, pitch: float, yaw: float) -> Matrix:
     return whole if np.abs(turned - whole).max() < QUARTER else turned
 
 
+def _read_links(robot: Element) -> dict[str, Element]:
+    links: dict[str, Element] = {}
+    for link in robot.findall("link"):
+        name = _attribute(link, "name")
+        if name in links:
+            msg = f"two links are named '{name}'"
+            raise ShapeError(msg)
+        links[name] = link
+    return links
+
+
 def _find_root(links: dict[str, Element], joints: list[Joint]) -> str:
     """Return the one link that no joint moves; links without geometry and joints do not count."""
     for joint in joints:
@@ -169,8 +180,17 @@ def _read_joint(element: Element, notes: list[str]) -> Joint:
     if kind in ("revolute", "prismatic") and not length > 0:
         msg = f"{name} has an axis without direction"
         raise ShapeError(msg)
-    lower, upper = (_limit(element.find("limit"), side, name, notes) for side in ("lower", "upper"))
+    lower, upper = _limits(element.find("limit"), name, notes)
     return Joint(name, kind, parent, child, _placement(element, name), axis / (length or 1.0), lower, upper)
+
+
+def _limits(element: Element | None, name: str, notes: list[str]) -> tuple[float | None, float | None]:
+    """Return the limits of a joint; a lower one above the upper one tells nothing, so that both are noted as none."""
+    lower, upper = (_limit(element, side, name, notes) for side in ("lower", "upper"))
+    if lower is not None and upper is not None and lower > upper:
+        notes.append(f"{name}: lower limit {lower:g} is above upper limit {upper:g}; both were ignored")
+        return None, None
+    return lower, upper
 
 
 def _limit(element: Element | None, side: str, name: str, notes: list[str]) -> float | None:
@@ -181,8 +201,9 @@ def _limit(element: Element | None, side: str, name: str, notes: list[str]) -> f
     try:
         value = float(text)
     except ValueError:
+        value = math.nan
+    if math.isnan(value):
         notes.append(f"{name}: {side} limit '{text[:40]}' is not a number and was ignored")
-        return None
     return value if math.isfinite(value) else None
 
 

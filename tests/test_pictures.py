@@ -393,6 +393,42 @@ def test_list_show_export(tmp_path):
     assert (out["folder"], out["shapes"], out["refused"]) == ("x", 33, {})
 
 
+def test_category_is_argument_or_option(mesh_folder, tmp_path):
+    """All commands take `--category`; `show` and `measure` take it as argument too, and `export` a format in any case."""
+    source = ("--shapes", f"meshes={mesh_folder}")
+    for how in (["can"], ["--category", "can"], ["can", "--category", "can"]):
+        done = run("shapes", "show", *how, *source, cwd=tmp_path)
+        assert done.stdout.startswith("can.png: "), done.stderr
+        done = run("shapes", "measure", *how, *source, "--workers", 1, "--json")
+        assert [s["category"] for s in json.loads(done.stdout)["shapes"]] == ["can"]
+    done = run("shapes", "export", "x", "--category", "can", "--format", "GLB", *source, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "x" / "train" / "object" / "can").glob("*.glb"))) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="such names cannot be there")
+def test_names_stay_on_their_line(mesh_folder):
+    """Line breaks, terminal codes and bytes that are no text in a file name are printed as escapes."""
+    names = {"a\nb.obj": r"a\nb.obj", "\x1b[2Jc.obj": r"\x1b[2Jc.obj", os.fsdecode(b"\xff.obj"): r"\udcff.obj"}
+    for name in names:
+        (mesh_folder / "jar" / name).write_text("v 0 0 0\n")
+    source = ("--shapes", f"meshes={mesh_folder}")
+    for command in (["list"], ["measure", "--workers", 1]):
+        lines = run("shapes", *command, *source).stdout.splitlines()
+        for shown in names.values():
+            assert sum(f"not used: jar/{shown}: " in line for line in lines) == 1
+        assert all(line.isprintable() for line in lines)
+    (mesh_folder / "jar" / "jar.obj").unlink()
+    fails(r"3 refused: jar/.*\\x1b", "generate", "--task", "tube", "--split", "test", *source)
+
+
+def test_refused_shapes_are_exported_with_the_rest(mesh_folder, tmp_path):
+    """`export --json` names the refused shapes of a split that has no other ones."""
+    (mesh_folder / "jar" / "jar.obj").write_text("v 0 0 0\n")
+    done = run("shapes", "export", tmp_path / "x", "--shapes", f"meshes={mesh_folder}", "--json")
+    assert list(json.loads(done.stdout)["refused"]) == ["jar/jar.obj"]
+
+
 def test_meshes_are_listed_shown_and_exported(mesh_folder, tmp_path):
     """A user's folder works like the library; what cannot be used is named."""
     (mesh_folder / "box" / "bad.obj").write_text("v 0 0 0\n")
@@ -426,6 +462,11 @@ def test_meshes_are_listed_shown_and_exported(mesh_folder, tmp_path):
         (["show", "bottle", "--count", "0"], "Number of shapes is 0"),
         (["show", "bottle", "--out", "bottle.jpg"], "Picture bottle.jpg does not end in .png"),
         (["show", "bottle", "--out", "file/b.png"], "Picture file/b.png cannot be written: "),
+        (["show", "can", "--category", "bottle"], "Category is 'can' as argument, but --category is 'bottle'"),
+        (["measure", "can", "--category", "bottle"], "Category is 'can' as argument, but --category is 'bottle'"),
+        (["measure", "can", "--out", "none/x.md"], r"Table none/x.md cannot be written: No such file .* \(none\)"),
+        (["measure", "can", "--out", "file/x.md"], "Table file/x.md cannot be written: Not a directory"),
+        (["measure", "can", "--out", "."], r"Table \. is a folder"),
         (["export"], "Missing argument 'out'"),
         (["export", "out", "--format", "objs"], "Unknown format 'objs'. Did you mean 'obj'"),
         (["export", "out", "--category", "kettel"], "Unknown category 'kettel'"),

@@ -1,6 +1,8 @@
 """Loaders of what users hold: synthetic trees of each layout, cut from built-in shapes, and the real samples."""
 
 import json
+import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from eigenbench.generators.library import load_library
 from eigenbench.generators.listing import roles_of, split_of
 from eigenbench.generators.meshes import check_surface, read_mesh
 from eigenbench.generators.partnet import CATEGORY_OF_MODEL_CAT, Z_FROM_Y, read_lists
+from eigenbench.generators.selection import open_source
 from eigenbench.generators.shapenet import CATEGORY_OF_CLASS, CATEGORY_OF_SYNSET
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.sources import load_notes, load_shapes, parse_source, split_rule
@@ -162,6 +165,9 @@ def test_articulated_shape_is_closed(tmp_path):
         ("prismatic", 'lower="0.1" upper="0.5"', 0.1),
         ("prismatic", 'lower="x" upper="-0.2"', -0.2),
         ("prismatic", 'lower="nan" upper="inf"', 0.0),
+        ("prismatic", 'lower="3" upper="2"', 0.0),
+        ("prismatic", 'lower="-1" upper="-2"', 0.0),
+        ("prismatic", 'lower="2" upper="2"', 2.0),
         ("prismatic", "", 0.0),
         ("fixed", 'lower="1" upper="2"', 0.0),
         ("continuous", 'lower="1" upper="2"', 0.0),
@@ -173,6 +179,20 @@ def test_closed_value(tmp_path, kind, limits, expected):
     urdf = link("base") + link("a", "a.obj") + joint("j", kind, "base", "a", f'<axis xyz="0 0 3"/>{limit}')
     pose = read_closed_pose(write_id(tmp_path, urdf) / "mobility.urdf")
     assert np.allclose(pose.parts[0].root_from_mesh[:3, 3], [0, 0, expected])
+
+
+@pytest.mark.parametrize(
+    ("limits", "notes"),
+    [
+        ('lower="nan" upper="1"', ["j: lower limit 'nan' is not a number and was ignored"]),
+        ('lower="3" upper="2"', ["j: lower limit 3 is above upper limit 2; both were ignored"]),
+        ('lower="-inf" upper="inf"', []),
+    ],
+)
+def test_malformed_limits_are_noted(tmp_path, limits, notes):
+    """A limit that is no number, or two that are swapped, are ignored with a note; infinite ones are none."""
+    urdf = link("base") + link("a", "a.obj") + joint("j", "revolute", "base", "a", f"<limit {limits}/>")
+    assert list(read_closed_pose(write_id(tmp_path, urdf) / "mobility.urdf").notes) == notes
 
 
 def test_rotations_agree_with_scipy():
@@ -228,6 +248,7 @@ BODY = link("base") + link("body", "textured_objs/a.obj")
         (BODY.replace("a.obj", "b.obj") + ROOT, r"textured_objs/b.obj is missing"),
         (BODY + ROOT + link("c", "textured_objs/a.obj"), "2 root links"),
         (BODY + ROOT.replace("fixed", "screw"), "type 'screw'"),
+        (BODY + ROOT + link("body"), "two links are named 'body'"),
         (BODY + ROOT + ROOT.replace('"root"', '"r2"'), "hangs at 2 joints"),
         (BODY + ROOT.replace('parent link="base"', 'parent link="nowhere"'), "which does not exist"),
         (BODY + ROOT.replace('<parent link="base"/>', ""), "has no parent"),
@@ -553,6 +574,122 @@ def test_unusable_meshes_are_refused_by_name(tmp_path, vertices, faces, reason):
     assert [s.name for s in shapes] == ["good.obj"]
     assert reason in refused["mug/bad.obj"]
     assert set(load_library(f"meshes={tmp_path}", "train").refused) == {"mug/bad.obj"}
+
+
+@pytest.mark.parametrize("scale", [1e-170, 1e-31, 2e-30, 2e29, 1e31, 1e170])
+def test_extreme_sizes(tmp_path, scale):
+    """A size whose powers near the ends of floats is refused by name; up to there a shape is measured and packed."""
+    write_obj(tmp_path / "table" / "a.obj", Mesh(TALL.vertices * scale, TALL.faces))
+    source, split = f"meshes={tmp_path}", split_of("table", "a.obj", "environment")
+    if 1e-30 < scale < 1e30:
+        library = load_library(source, split, "environment")
+        assert not library.refused
+        top = library.measures[0].top
+        assert np.ptp(top.outline, axis=0) * library.diameters[0] == pytest.approx([scale, 2 * scale], rel=1e-6)
+    else:
+        assert "table/a.obj: has a size of " in refusal(source, "environment", split)
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (0, "it is cut short: 0 of 12 bytes"),
+        (8, "it is cut short: 8 of 12 bytes"),
+        (-50, "it is cut short"),
+        ("header", "a GLB chunk is missing: JSON"),
+        ("json", "a GLB chunk is missing: BIN"),
+        ("chunk", "a GLB chunk is cut short"),
+        ("text", "it is no GLB file"),
+        ("old", "it is GLB of version 1"),
+    ],
+)
+def test_stubs_of_glb(tmp_path, end, reason):
+    """What is missing of a GLB file is told."""
+    whole = trimesh.Trimesh(TALL.vertices, TALL.faces, process=False).export(file_type="glb")
+    text = 20 + int.from_bytes(whole[12:16], "little")
+
+    def headed(data: bytes) -> bytes:
+        return data[:8] + len(data).to_bytes(4, "little") + data[12:]
+
+    stubs = {
+        "header": headed(whole[:12]),
+        "json": headed(whole[:text]),
+        "chunk": headed(whole[:-4]),
+        "text": b"v 0 0 0" + whole,
+        "old": whole[:4] + b"\1" + whole[5:],
+    }
+    (tmp_path / "a.glb").write_bytes(stubs[end] if isinstance(end, str) else whole[:end])
+    with pytest.raises(ShapeError, match=f"cannot be read: {reason}"):
+        read_mesh(tmp_path / "a.glb")
+    (tmp_path / "a.glb").write_bytes(whole)
+    assert len(read_mesh(tmp_path / "a.glb").faces) == 12
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="file names are Unicode here")
+def test_file_name_that_is_not_utf8(tmp_path):
+    """Such a name is refused in words, and stands in the way of no other shape."""
+    for name in ("a.obj", os.fsdecode(b"\xff.obj")):
+        write_obj(tmp_path / "mug" / name, MUG)
+    (_,), refused = load_shapes(f"meshes={tmp_path}", "object", "train")
+    assert list(refused.values()) == ["cannot be read: its file name is not UTF-8: rename it"]
+
+
+def test_all_refused_of_a_split_are_named(tmp_path):
+    """Where one split has no usable shape, its refused ones are still told; the error of loading it counts and names."""
+    write_obj(tmp_path / "bowl" / "ok.obj", MUG)
+    for k in range(5):
+        write_obj(tmp_path / "jar" / f"{k}.obj", Mesh(MUG.vertices * 0, MUG.faces))
+    shelf = open_source(f"meshes={tmp_path}")
+    assert shelf.rows() == [{"role": "object", "category": "bowl", "split": "train", "count": 1}]
+    assert shelf.refused == {f"jar/{k}.obj": "has zero area" for k in range(5)}
+    assert f"None of the 5 test object shapes in {tmp_path} can be used; 5 refused: jar/2.obj: has zero area; " in (
+        message := refusal(f"meshes={tmp_path}", "object", "test")
+    )
+    assert message.endswith("jar/4.obj: has zero area; and 2 more.")
+    (tmp_path / "bowl" / "ok.obj").unlink()
+    with pytest.raises(ShapeError, match="5 refused"):
+        open_source(f"meshes={tmp_path}")
+
+
+def test_broken_links_are_named(tmp_path):
+    """A link that leads nowhere is refused by name in every layout, as file or as folder."""
+    write_obj(tmp_path / "own" / "bowl" / "ok.obj", MUG)
+    write_static(tmp_path / "pm" / "dataset" / "40")
+    write_shapenet(tmp_path / "sn" / "ShapeNetCore.v2" / "03797390" / "a" / "model.obj", MUG)
+    places = {
+        "meshes=own": {"bowl/gone.obj": "bowl/gone.obj", "can": "can"},
+        "partnet=pm": {"dataset/41": "41"},
+        "shapenet=sn": {"ShapeNetCore.v2/02880940": "02880940", "ShapeNetCore.v2/03797390/b": "mug/b"},
+    }
+    for source, links in places.items():
+        kind, _, folder = source.partition("=")
+        for place in links:
+            (tmp_path / folder / place).symlink_to("nowhere")
+        (_,), refused = load_shapes(f"{kind}={tmp_path / folder}", "object", "train")
+        assert refused == dict.fromkeys(links.values(), "is a broken link to nowhere")
+        assert open_source(f"{kind}={tmp_path / folder}").refused == refused
+
+
+@pytest.mark.parametrize("inner", ["", "object/"])
+def test_meshes_too_deep_are_named(tmp_path, inner):
+    """A folder of meshes inside a category is refused by name; one without meshes does not matter."""
+    for place in ("can/ok.obj", "can/sub/x.obj", "can/deep/er/y.stl"):
+        write_obj(tmp_path / f"{inner}{place}", MUG)
+    (tmp_path / f"{inner}can" / "textures").mkdir()
+    (_,), refused = load_shapes(f"meshes={tmp_path}", "object", "train")
+    assert set(refused) == {f"{inner}can/sub", f"{inner}can/deep"}
+    assert set(refused.values()) == {"lies one folder too deep; meshes are read from DIR/<category>/ only"}
+
+
+def test_two_folders_of_shapenet(tmp_path):
+    """Of two ShapeNetCore folders none is chosen: the error names both; one without classes does not count."""
+    for version in ("v1", "v2"):
+        write_shapenet(tmp_path / f"ShapeNetCore.{version}" / "03797390" / "a" / "model.obj", MUG)
+    (tmp_path / "ShapeNetCore.v0").mkdir()
+    message = refusal(f"shapenet={tmp_path}")
+    assert "holds 2 folders of classes" in message
+    assert all(f"ShapeNetCore.{version}" in message for version in ("v1", "v2"))
+    assert one(f"shapenet={tmp_path / 'ShapeNetCore.v1'}") is not None
 
 
 def test_too_many_faces(tmp_path, monkeypatch):
