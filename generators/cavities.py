@@ -160,8 +160,8 @@ def _cover(lattice: Lattice, region: NDArray[np.bool_], axis: int, side: int) ->
     points = region.transpose(order)[turn]
     solid, walled = lattice.solid.transpose(order)[turn], lattice.walled[axis].transpose(order)[turn]
     meets = points.any(axis=0)
-    rows, columns = (np.flatnonzero(meets.any(axis=k))[[0, -1]] for k in (1, 0))
-    i, j = (k.reshape(-1) for k in np.mgrid[rows[0] : rows[1] + 1, columns[0] : columns[1] + 1])
+    rows, columns = np.nonzero(meets)
+    i, j = (k.reshape(-1) for k in np.mgrid[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1])
     outermost = np.argmax(points, axis=0)
     at = np.where(meets, outermost, outermost[meets].min())[i, j]
     backed = solid[at, i, j] != 0

@@ -245,7 +245,7 @@ def as_markdown(findings: Sequence[Finding]) -> str:
     for f in findings:
         cells = (
             f.role,
-            f"{f.category}/{f.name}",
+            printable(f"{f.category}/{f.name}").replace("|", "\\|"),
             f"{f.faces:,}",
             "yes" if f.closed else "no",
             in_words(f),
