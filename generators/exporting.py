@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.errors import UsageError, choose
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.meshes import as_glb
 from eigenbench.generators.selection import Selection
-from eigenbench.generators.shapes import Cavity, Points, Shape
+from eigenbench.generators.shapes import Cavity, Shape
 from eigenbench.generators.solids import Mesh
 
 FORMAT = "eigenbench shapes 1"
@@ -148,7 +147,7 @@ def _as_json(head: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 def measures_of(shape: Shape) -> dict[str, Any]:
     """Return everything that is known of a shape as JSON values, in metres, in its rest frame."""
     used = shape.mesh.vertices[np.unique(shape.mesh.faces)]
-    centre, radius = enclosing_ball(_hull(used))
+    centre, radius = enclosing_ball(used)
     top, handle = shape.measures.top, shape.measures.handle
     return {
         "extents": np.ptp(used, axis=0).tolist(),
@@ -172,11 +171,3 @@ def _cavity(cavity: Cavity) -> dict[str, Any]:
         "radius": float(cavity.radius),
         "inhabited": bool(cavity.inhabited),
     }
-
-
-def _hull(points: Points) -> Points:
-    """Return the vertices of the convex hull: all that the enclosing ball asks for."""
-    try:
-        return np.asarray(points[np.sort(ConvexHull(points).vertices)])
-    except QhullError:
-        return points

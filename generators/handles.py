@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.ascent import highest_minimum
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.primitives import about_z
 from eigenbench.generators.shapes import HandleGap
 from eigenbench.generators.silhouettes import in_hole, silhouette, survey
 from eigenbench.generators.solids import Mesh
@@ -48,12 +47,6 @@ def measure_handle(mesh: Mesh) -> HandleGap | None:
     """
     limits = np.array([[0.0, -1.0, 0.0, -math.cos(STEEPEST)]])
     return _widest_passage(mesh, limits)
-
-
-def orient_mug(mesh: Mesh) -> Mesh:
-    """Return an upright mug turned about z so that its handle points to +x; as it is where it has no handle."""
-    side = handle_side(mesh)
-    return mesh if side is None else about_z(mesh, side)
 
 
 def handle_side(mesh: Mesh) -> tuple[float, float] | None:

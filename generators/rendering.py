@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eigenbench.generators import rasterising
 from eigenbench.generators.shapes import Cavity, HandleGap, Measures, Points, Shape, Vector
-from eigenbench.generators.solids import Mesh
+from eigenbench.generators.solids import Mesh, is_closed
 
 Image = NDArray[np.uint8]
 """(height, width, 3) red, green, blue."""
@@ -158,15 +158,6 @@ def _facing(normals: Points, plane: Points) -> Points:
     """Return the (F + 1, 3) normals turned to the viewer, and last the one of the section."""
     section = plane[:3] / max(float(np.sqrt(np.sum(plane[:3] * plane[:3]))), 1e-300)
     return np.concatenate([np.where(normals[:, 2:] < 0, -normals, normals), [section]])
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Say whether every edge of a mesh is met by exactly one face on its other side."""
-    count = len(mesh.vertices)
-    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-    forward = np.sort(edges[:, 0] * count + edges[:, 1])
-    backward = np.sort(edges[:, 1] * count + edges[:, 0])
-    return bool(np.all(np.diff(forward) > 0) and np.array_equal(forward, backward))
 
 
 def _offsets(pixels: int) -> NDArray[np.int64]:

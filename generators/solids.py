@@ -27,6 +27,16 @@ def volume(mesh: Mesh) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
+def is_closed(mesh: Mesh) -> bool:
+    """Say whether every edge is met by as many faces in one direction as in the other; equal vertices count as one."""
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = same.reshape(-1)[mesh.faces]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    return not np.bincount(edge.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0)).any()
+
+
 def euler_number(mesh: Mesh) -> int:
     """Return V - E + F of a watertight mesh: 2 for a ball, 0 for a mug with one handle."""
     return len(np.unique(mesh.faces)) - len(mesh.faces) * 3 // 2 + len(mesh.faces)
@@ -35,11 +45,6 @@ def euler_number(mesh: Mesh) -> int:
 def united(*meshes: Mesh) -> Mesh:
     """Return the union, without the faces that lie inside another solid."""
     return carved(meshes)
-
-
-def minus(mesh: Mesh, *others: Mesh) -> Mesh:
-    """Return `mesh` without the others."""
-    return carved([mesh], others)
 
 
 def carved(parts: Sequence[Mesh], holes: Sequence[Mesh] = (), fittings: Sequence[Mesh] = ()) -> Mesh:

@@ -21,7 +21,7 @@ from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.measuring import measured
 from eigenbench.generators.selection import Selection
 from eigenbench.generators.shapes import Cavity, Measures, Points, Shape, Top, measures_to_json
-from eigenbench.generators.solids import Mesh, loop_area
+from eigenbench.generators.solids import Mesh, is_closed, loop_area
 from eigenbench.generators.workers import run_jobs, worker_count
 
 Progress = Callable[[str, int, int], None]
@@ -146,16 +146,6 @@ def hull_of(mesh: Mesh) -> Points:
     except QhullError as error:
         msg = "is flat: its vertices lie in one plane or line"
         raise ShapeError(msg) from error
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Say whether every edge is met by as many faces in one direction as in the other; equal vertices count as one."""
-    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = same.reshape(-1)[mesh.faces]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    return not np.bincount(edge.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0)).any()
 
 
 def excess(points: Points, centre: Points, radius: float) -> float:

@@ -17,8 +17,8 @@ from eigenbench.generators.measuring import measured
 from eigenbench.generators.primitives import turned
 from eigenbench.generators.selection import open_source, select
 from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json
-from eigenbench.generators.solids import Mesh
-from eigenbench.generators.survey import errors_of, excess, in_words, is_closed, summarise, survey
+from eigenbench.generators.solids import Mesh, is_closed
+from eigenbench.generators.survey import errors_of, excess, in_words, summarise, survey
 
 
 @pytest.fixture(autouse=True)

@@ -35,7 +35,7 @@ from eigenbench.generators.rendering import (
 )
 from eigenbench.generators.selection import open_source, select
 from eigenbench.generators.shapes import Cavity, HandleGap, Measures, Shape
-from eigenbench.generators.solids import Mesh, minus
+from eigenbench.generators.solids import Mesh, carved
 
 UNCUT = np.array([0.0, 0.0, 0.0, -1.0])
 FRONT = View(VIEWS["front"])
@@ -182,7 +182,7 @@ def test_far_from_the_origin_in_any_unit():
 
 def test_section_of_a_hollow_box():
     """Half of a closed box with a cavity: the section shows its walls, over their exact area."""
-    hollow = minus(box_mesh(1, 1, 1), box_mesh(0.6, 0.6, 0.6))
+    hollow = carved([box_mesh(1, 1, 1)], [box_mesh(0.6, 0.6, 0.6)])
     assert is_closed(hollow)
     picture = render(shape_of(hollow), "object", View((1.0, 0.0, 0.0), cut=(0, 0.0)), 200)
     walls = picture[..., 0].astype(int) - picture[..., 2] > 50  # redder than any other colour, lines included

@@ -5,7 +5,7 @@ import pytest
 from material import box_mesh
 
 from eigenbench.generators.meshes import read_mesh
-from eigenbench.generators.solids import Mesh, euler_number, loop_area, minus, united
+from eigenbench.generators.solids import Mesh, carved, euler_number, loop_area, united
 from eigenbench.generators.tops import measure_top
 
 
@@ -166,10 +166,10 @@ def test_small_tilts_are_level_and_large_ones_are_not():
 def test_holes_small_and_large():
     """A cable hole is filled; the hole of a sink is cut out by a slit."""
     top = box([0, 0, 0.7], [1, 0.6, 0.72])
-    cable = minus(top, box([0.8, 0.5, 0.6], [0.85, 0.55, 0.8]))
+    cable = carved([top], [box([0.8, 0.5, 0.6], [0.85, 0.55, 0.8])])
     assert euler_number(cable) == 0
     assert loop_area(measure_top(cable).outline) == pytest.approx(0.6, abs=1e-6)
-    sink = minus(top, box([0.3, 0.2, 0.6], [0.7, 0.5, 0.8]))
+    sink = carved([top], [box([0.3, 0.2, 0.6], [0.7, 0.5, 0.8])])
     assert loop_area(measure_top(sink).outline) == pytest.approx(0.6 - 0.12, abs=1e-4)
 
 
