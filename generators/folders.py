@@ -1,8 +1,10 @@
 """`meshes=DIR`: a user's own folder of meshes, one file a shape.
 
 Layout: `DIR/<category>/*.{obj,stl,glb,gltf,ply,off}`, in any unit, watertight or not. Folders named as an environment
-category (except `box`) hold environments, all others objects, unless `DIR/object/` and `DIR/environment/` say so.
-Files that lie in DIR itself form the category `uncategorised`.
+category (except `box`) hold environments, all others objects, unless `DIR/object/` and `DIR/environment/` say so;
+then `DIR/mug/<category>/` may hold the mugs of the mug task, as an export does, and nothing else is read.
+Files that lie in DIR itself form the category `uncategorised`. Objects of category mug serve as mugs of the mug task
+unless that folder says which do.
 
 Only glTF fixes its up axis (y). Nothing in the other formats tells it, and no rule guesses it safely: it is z unless
 the user says otherwise (`up=y`, or a JSON object of patterns, `up=FILE` or `DIR/up.json`).
@@ -29,6 +31,7 @@ UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
 """Formats that fix their up axis (glTF 2.0, section 3.4)."""
 UP_FILE = "up.json"
 ROLE_FOLDERS = ("object", "environment")
+BESIDE = "lies beside object/ or environment/, which say where meshes are"
 TOO_DEEP = "lies one folder too deep; meshes are read from DIR/<category>/ only"
 UNSTATED = "up axis not stated: z was taken; pass up=y, or list the file in up.json, if it lies on its side"
 
@@ -49,7 +52,9 @@ class UpAxes:
 
 def list_meshes(folder: Path, up: str = "") -> Listing:
     """List the mesh files of a folder; ShapeError where it does not exist or its up axes are misstated."""
+    own_mugs = _own_mugs(folder)
     found = [(role, category, path) for role in ROLE_FOLDERS for category, path in _files(folder, role)]
+    found += [("mug", category_of(place.name), path) for place in own_mugs for path in _meshes(place)]
     places = {path: path.relative_to(folder).as_posix() for _, _, path in found}
     axes = read_up_axes(folder, up, list(places.values()))
     entries = []
@@ -58,7 +63,7 @@ def list_meshes(folder: Path, up: str = "") -> Listing:
         read, notes = partial(read_upright, path, axis), no_notes if stated else partial(str, UNSTATED)
         # Objects are turned by every task, so that their up axis does not matter; mugs of the mug task stand.
         entries.append(Entry(category, path.name, path, (role,), read, no_notes if role == "object" else notes))
-        if (role, category) == ("object", "mug"):
+        if (role, category) == ("object", "mug") and not own_mugs:
             entries.append(Entry(category, path.name, path, ("mug",), read, notes))
     return Listing(entries, _left_out(folder))
 
@@ -98,10 +103,25 @@ def _places(folder: Path, role: str) -> list[tuple[str, Path]]:
     return places
 
 
+def _tells_roles(folder: Path) -> bool:
+    """Say whether a folder has subfolders that tell what is an object and what an environment."""
+    return any(folder / role in subfolders(folder) for role in ROLE_FOLDERS)
+
+
+def _own_mugs(folder: Path) -> list[Path]:
+    """Return the folders of the mugs of the mug task where a folder tells roles; empty where it does not."""
+    mugs = folder / "mug"
+    return subfolders(mugs) if _tells_roles(folder) and mugs in subfolders(folder) else []
+
+
 def _left_out(folder: Path) -> dict[str, str]:
-    """Return the reason by path below DIR of broken links, and of folders of meshes that lie too deep to be read."""
+    """Return the reason by path below DIR of broken links, and of folders of meshes that lie where none is read."""
     searched = {folder: None} | {place: None for role in ROLE_FOLDERS for _, place in _places(folder, role)}
+    searched |= dict.fromkeys(_own_mugs(folder))
     left_out: dict[Path, str] = {}
+    if _tells_roles(folder):
+        others = [sub for sub in subfolders(folder) if sub.name not in (*ROLE_FOLDERS, "mug")]
+        left_out = {sub: BESIDE for sub in others if any(map(_is_mesh, sub.rglob("*")))}
     for place in searched:
         left_out |= broken_links(place)
         if place not in (folder, *(folder / role for role in ROLE_FOLDERS)):

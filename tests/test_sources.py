@@ -16,13 +16,14 @@ from scipy.spatial.transform import Rotation
 from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators import meshes
 from eigenbench.generators.catalogue import make_shape
+from eigenbench.generators.exporting import export
 from eigenbench.generators.folders import read_upright
 from eigenbench.generators.holdings import CATEGORIES, COUNTS
 from eigenbench.generators.library import load_library
 from eigenbench.generators.listing import roles_of, split_of
 from eigenbench.generators.meshes import check_surface, read_mesh
 from eigenbench.generators.partnet import CATEGORY_OF_MODEL_CAT, Z_FROM_Y, read_lists
-from eigenbench.generators.selection import open_source
+from eigenbench.generators.selection import open_source, select
 from eigenbench.generators.shapenet import CATEGORY_OF_CLASS, CATEGORY_OF_SYNSET
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.sources import load_notes, load_shapes, parse_source, split_rule
@@ -810,3 +811,28 @@ def test_up_axis_of_real_meshes(real_meshes, tmp_path):
     assert upright == 71
     assert lying == {n for n in lying if n.endswith(".obj")}
     assert len(lying) == 25
+
+
+def test_folders_that_tell_roles(tmp_path):
+    """With object/ and environment/, mug/ holds the mugs of the mug task, as in an export; what lies beside is named."""
+    shelf = open_source("default")
+    some = [
+        s
+        for role, c in (("object", "mug"), ("environment", "table"), ("mug", "mug"))
+        for s in select(shelf, role, c, "train", (), 2)
+    ]
+    export(some, tmp_path, "obj", {})
+    (tmp_path / "train" / "lamp").mkdir()
+    (tmp_path / "train" / "lamp" / "a.obj").write_text("v 0 0 0\n")
+    source, found = f"meshes={tmp_path / 'train'}", {}
+    for role in ("object", "environment", "mug"):
+        for split in ("train", "test"):
+            try:
+                shapes, refused = load_shapes(source, role, split)
+            except ShapeError:
+                continue
+            assert "beside object/" in refused["lamp"]
+            found.setdefault(role, []).extend(shapes)
+    assert {role: len(shapes) for role, shapes in found.items()} == {"object": 2, "environment": 2, "mug": 2}
+    names = {s.name for s in found["mug"]}
+    assert names == {shape.name + ".obj" for s in some if s.role == "mug" for _, shape in s.shapes()}
