@@ -14,7 +14,7 @@ import numpy as np
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators.listing import Entry, Listing, broken_links, contents, is_file, roles_of, subfolders
-from eigenbench.generators.meshes import read_mesh
+from eigenbench.generators.meshes import SUFFIXES, read_mesh
 from eigenbench.generators.solids import Mesh
 
 LAYOUT = (
@@ -63,9 +63,14 @@ MODEL_FILES = {"models/model_normalized.obj": "version 2", "model.obj": "version
 def list_shapenet(folder: Path) -> Listing:
     """List the models of the paper's categories; a model without files is refused when it is read.
 
-    ShapeError where DIR holds several ShapeNetCore folders.
+    ShapeError where DIR holds several ShapeNetCore folders, or meshes of other formats, as a folder for `meshes=` does.
     """
     roots = _roots(folder)
+    for place in _class_folders(folder):
+        other = next((p for p in contents(place) if p.suffix.lower() in set(SUFFIXES) - {".glb"} and is_file(p)), None)
+        if other is not None:
+            msg = f"{folder} is not a ShapeNetCore: {place.name}/ holds {other.name}. Pass meshes={folder}."
+            raise ShapeError(msg)
     if len(roots) > 1:
         names = " and ".join(str(root) for root in roots[:2])
         msg = f"{folder} holds {len(roots)} folders of classes, {names}; pass one of them: shapenet={roots[0]}."

@@ -836,3 +836,12 @@ def test_folders_that_tell_roles(tmp_path):
     assert {role: len(shapes) for role, shapes in found.items()} == {"object": 2, "environment": 2, "mug": 2}
     names = {s.name for s in found["mug"]}
     assert names == {shape.name + ".obj" for s in some if s.role == "mug" for _, shape in s.shapes()}
+
+
+def test_a_folder_of_meshes_is_no_shapenet(tmp_path):
+    """Category folders with OBJ files beside GLB ones are not taken for ShapeNetCore's GLB variant."""
+    for name in ("table/a.obj", "mug/b.obj"):
+        write_obj(tmp_path / name, box_mesh(1, 2, 3))
+    (tmp_path / "mug" / "c.glb").write_bytes(b"glTF")
+    with pytest.raises(ShapeError, match=r"is not a ShapeNetCore: .*/ holds .*\.obj\. Pass meshes="):
+        load_shapes(f"shapenet={tmp_path}", "object", "train")
