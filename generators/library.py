@@ -148,7 +148,7 @@ def normalise(shape: Shape) -> _Packed:
     if area == 0.0:
         msg = "has zero area"
         raise ShapeError(msg)
-    return _Packed(triangles, keep, other, unit[np.sort(hull.vertices)], measures, diameter)
+    return _Packed(triangles, keep, other, np.unique(unit[hull.vertices], axis=0), measures, diameter)
 
 
 def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
