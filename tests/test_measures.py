@@ -13,9 +13,9 @@ from eigenbench.generators.rectangles import largest_rectangle
 
 
 def star(seed: int, corners: int) -> np.ndarray:
-    """Return a star-shaped polygon about the origin, anticlockwise."""
+    """Return a star-shaped polygon about the origin, anticlockwise; neighbours turn by less than half a circle, so it is simple."""
     rng = np.random.default_rng(seed)
-    turn = np.sort(rng.uniform(0, 2 * np.pi, corners))
+    turn = (np.arange(corners) + rng.uniform(0, 0.9, corners)) * 2 * np.pi / corners
     return rng.uniform(0.2, 1.0, corners)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
