@@ -36,9 +36,10 @@ class Manifest:
     shards : one entry a shard, in order
     audit : what FCL checked
     shapes_source : the `--shapes` argument, "default" or "<kind>=DIR,..."
-    shapes_split : the sentence that says how the source's shapes were split
-    shapes_used : number of shapes per category
+    shapes_split : by role, the sentence that says how the source's shapes were split
+    shapes_used : number of shapes per `<role>/<category>`
     shapes_refused : reason by shape, for every shape that could not be used
+    shapes_left_out : reason by shape, for every sound shape that the task does not draw
     shapes_notes : what had to be mended or assumed, by shape
     versions : library versions of the run that made it
     digest : sha256 over the shards' content digests
@@ -48,9 +49,10 @@ class Manifest:
     shards: tuple[ShardEntry, ...]
     audit: Audit
     shapes_source: str
-    shapes_split: str
+    shapes_split: dict[str, str]
     shapes_used: dict[str, int]
     shapes_refused: dict[str, str]
+    shapes_left_out: dict[str, str]
     shapes_notes: dict[str, str]
     versions: dict[str, str]
     format_version: int = FORMAT_VERSION
@@ -62,7 +64,7 @@ class Manifest:
         if [s.pairs for s in self.shards] != sizes:
             msg = f"its shards do not hold the {self.recipe.pairs} pairs of its recipe"
             raise ValueError(msg)
-        for name in ("shapes_used", "shapes_refused", "shapes_notes", "versions"):
+        for name in ("shapes_split", "shapes_used", "shapes_refused", "shapes_left_out", "shapes_notes", "versions"):
             if not isinstance(getattr(self, name), dict):
                 msg = f"its {name} is not an object"
                 raise TypeError(msg)

@@ -39,8 +39,10 @@ REASONS: dict[str, int] = {
     "length_2": 3,
     "length_3": 4,
     "no_candidate": 5,
+    "outline": 6,
 }
-"""Why a pair is negative: the deciding length is too short, or every candidate collides."""
+"""Why a pair is negative: the deciding length is too short; every candidate collides; or every length would do, but the
+round wall or the outline leaves no room."""
 
 MARGIN_BINS: tuple[float, ...] = (0.0, 0.02, 0.05, 0.10, 0.25, float("inf"))
 """Edges of |margin| / deciding length of the environment."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from eigenbench.errors import DataError
 from eigenbench.generators import relabelling
-from eigenbench.generators.generation import build_rows, cached_library
-from eigenbench.generators.library import load_library
+from eigenbench.generators.building import build
+from eigenbench.generators.generation import cached_maker
+from eigenbench.generators.stock import load_stock
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Arrays, Recipe
@@ -28,7 +29,7 @@ class _Job:
 
     folder: Path
     recipe: Recipe
-    library: Path
+    libraries: tuple[Path, ...]
     shard: int
     first: int
     rows: int
@@ -44,15 +45,15 @@ def verify_deep(
     """
     manifest = read_manifest(folder)
     source = shapes or manifest.shapes_source
-    library = load_library(source, manifest.recipe.split)
-    if library.digest != manifest.recipe.shapes_digest:
+    stock = load_stock(source, manifest.recipe.split, manifest.task)
+    if stock.digest != manifest.recipe.shapes_digest:
         msg = (
-            f"The shapes of '{source}' are not those of {folder}: digest {library.digest[:12]} instead of "
+            f"The shapes of '{source}' are not those of {folder}: digest {stock.digest[:12]} instead of "
             f"{manifest.recipe.shapes_digest[:12]}. Pass the same --shapes, with the same library versions."
         )
         raise DataError(msg)
     jobs = [
-        _Job(folder, manifest.recipe, library.path, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
+        _Job(folder, manifest.recipe, stock.paths, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
         for k, entry in enumerate(manifest.shards)
         for first in range(0, entry.pairs, _ROWS_PER_JOB)
     ]
@@ -65,18 +66,16 @@ def verify_deep(
 
 
 def _check(job: _Job) -> int:
-    library = cached_library(job.library)
     task = find_task(job.recipe.task)
     pair = job.shard * PAIRS_PER_SHARD + job.first
     # The fast engine draws the pairs again; FCL, below, has the last word on their labels.
-    inputs, targets, shapes = build_rows(replace(job.recipe, engine="fast"), library, pair, job.rows)
-    for file, rebuilt in (("inputs", inputs), ("targets", targets)):
+    block = build(cached_maker(replace(job.recipe, engine="fast"), job.libraries), pair, job.rows)
+    for file, rebuilt in (("inputs", block.inputs), ("targets", block.targets)):
         path = job.folder / shard_name(file, job.shard)
         stored = {k: v[job.first : job.first + job.rows] for k, v in read_shard(path, file, task).items()}
         _compare(path, file, job.first, stored, rebuilt)
     for row in range(job.rows):
-        again = relabelling.relabel(job.recipe, library, int(shapes[row]), pair + row, targets, row)
-        if said := relabelling.disagreement(job.recipe, targets, row, again):
+        if said := relabelling.disagreement(block, row, relabelling.relabel(block, row)):
             path = job.folder / shard_name("targets", job.shard)
             msg = f"Shard {path}, row {job.first + row}, field 'label': {said}."
             raise DataError(msg)

@@ -1,104 +1,130 @@
-"""The reference: labels by a plain FCL sweep, candidate by candidate. The only module that knows fcl.
+"""The reference: FCL's answers, candidate by candidate. The only module that knows fcl.
 
-FCL meshes are hollow surfaces: a tube that lies wholly inside an object's prism touches nothing. So a
-candidate is free where FCL finds no contact *and* the object lies inside the ideal solid.
+FCL meshes are hollow surfaces: a small mesh inside a big one touches nothing. So a candidate is free where FCL
+finds no contact *and* the object lies inside the ideal solid, which the task's module says.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import fcl
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
-
-from eigenbench.generators.surface import matrix_of
 
 Points = NDArray[np.float64]
+Faces = NDArray[np.int64]
 
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()
 
 
-def collision_object(vertices: Points, faces: NDArray[np.int64]) -> fcl.CollisionObject:
-    """Return a triangle soup as an FCL collision object at the origin."""
+def mesh_model(vertices: Points, faces: Faces) -> fcl.BVHModel:
+    """Return a triangle soup as a tree of bounding volumes."""
     model = fcl.BVHModel()
     model.beginModel(len(vertices), len(faces))
     model.addSubModel(vertices, faces)
     model.endModel()
-    return fcl.CollisionObject(model, fcl.Transform())
+    return model
+
+
+def soup_model(triangles: Points) -> fcl.BVHModel:
+    """Return triangles (n, 3, 3), corner by corner, as a tree of bounding volumes."""
+    return mesh_model(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
+
+def peg(radius: float, length: float) -> fcl.Cylinder:
+    """Return a solid cylinder along z, centred."""
+    return fcl.Cylinder(radius, length)
+
+
+def collision_object(vertices: Points, faces: Faces) -> fcl.CollisionObject:
+    """Return a triangle soup as an FCL collision object at the origin."""
+    return fcl.CollisionObject(mesh_model(vertices, faces), fcl.Transform())
 
 
 def touches(environment: fcl.CollisionObject, thing: fcl.CollisionObject, translation: Points) -> bool:
-    """Say whether a translated object meets the environment's surface.
-
-    A new CollisionResult each call: python-fcl cannot clear one, and a used one stays true.
-    """
+    """Say whether a translated object meets the environment's surface."""
     thing.setTransform(fcl.Transform(_IDENTITY, translation))
+    return _collide(environment, thing)
+
+
+def _collide(environment: fcl.CollisionObject, thing: fcl.CollisionObject) -> bool:
+    # A new CollisionResult each call: python-fcl cannot clear one, and a used one stays true.
     return bool(fcl.collide(environment, thing, _REQUEST, fcl.CollisionResult()))
 
 
 @dataclass(frozen=True, slots=True)
-class TubePassage:
-    """One object before one tube, ready for a sweep.
+class Sweep:
+    """One object before one environment, in the scene frame, ready for a sweep over placements.
 
     Attributes
     ----------
-    walls : the four walls
-    prism : the object's convex yz silhouette, extruded along x beyond the tube's ends
-    silhouette : (m, 2) y, z of the silhouette's corners, box-centred
-    half : (2,) half the tube's width and height
+    walls : the environment's surface, in units of `unit`
+    thing : the object, in units of `unit`, about its origin
+    turn : (3, 3) its rotation
+    unit : m; a tree that is cached at size 1 serves every size this way
+    inside : says whether a placement (3,) in metres puts the object inside the ideal solid
     """
 
     walls: fcl.CollisionObject
-    prism: fcl.CollisionObject
-    silhouette: Points
-    half: Points
+    thing: fcl.CollisionObject
+    turn: Points
+    unit: float
+    inside: Callable[[Points], bool]
 
     @classmethod
     def of(
-        cls, hull: Points, quaternion: Points, size: float, width: float, height: float, length: float = 1.0
-    ) -> "TubePassage":
-        """Pose an object (hull vertices (h, 3) at size 1) before a tube of the given inner sizes."""
-        world = size * hull @ matrix_of(tuple(quaternion)).T
-        flat = world[:, 1:] - (world[:, 1:].min(axis=0) + world[:, 1:].max(axis=0)) / 2
-        silhouette = flat[ConvexHull(flat).vertices]
-        half = np.array([width, height]) / 2
-        corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        cls,
+        walls: fcl.CollisionGeometry,
+        thing: fcl.CollisionGeometry,
+        inside: Callable[[Points], bool],
+        turn: Points = _IDENTITY,
+        unit: float = 1.0,
+    ) -> "Sweep":
+        """Put two geometries before each other."""
         return cls(
-            collision_object(*_belt(corners, length / 2)),
-            collision_object(*_closed(silhouette, length)),
-            silhouette,
-            half,
+            fcl.CollisionObject(walls, fcl.Transform()),
+            fcl.CollisionObject(thing, fcl.Transform()),
+            np.ascontiguousarray(turn),
+            unit,
+            inside,
         )
 
-    def is_free(self, translation: Points) -> bool:
-        """Say whether the object passes at a translation (3,): no contact, and inside the tube."""
-        contact = touches(self.walls, self.prism, translation)
-        inside = bool(np.all(np.abs(self.silhouette + translation[1:]) < self.half))
-        return inside and not contact
+    def touches(self, placement: Points) -> bool:
+        """Say whether the object touches the environment's surface at a placement (3,)."""
+        self.thing.setTransform(fcl.Transform(self.turn, placement / self.unit))
+        return _collide(self.walls, self.thing)
 
-    def first_free(self, candidates: Points) -> int:
-        """Return the index of the first free candidate of (k, 3), -1 where none is."""
-        for index, candidate in enumerate(candidates):
-            if self.is_free(candidate):
+    def is_free(self, placement: Points) -> bool:
+        """Say whether a placement (3,) is inside and without contact."""
+        return self.inside(placement) and not self.touches(placement)
+
+    def first_free(self, placements: Points) -> int:
+        """Return the index of the first free placement of (k, 3), -1 where none is: the plain sweep."""
+        for index, placement in enumerate(placements):
+            if self.is_free(placement):
                 return index
         return -1
 
 
-def _belt(corners: Points, half: float) -> tuple[Points, NDArray[np.int64]]:
-    """Return vertices and faces of a closed yz polygon's side walls, from x = -half to half."""
+def belt(corners: Points, axis: int, low: float, high: float) -> tuple[Points, Faces]:
+    """Return vertices and faces of a closed polygon's side walls, extruded along an axis.
+
+    `corners` (n, 2) are in the two other axes, in their cyclic order after `axis`.
+    """
     n = len(corners)
-    vertices = np.concatenate(
-        [np.column_stack([np.full(n, -half), corners]), np.column_stack([np.full(n, half), corners])]
-    )
+    vertices = np.zeros((2 * n, 3))
+    for k in range(2):
+        vertices[:, (axis + 1 + k) % 3] = np.tile(corners[:, k], 2)
+    vertices[:n, axis], vertices[n:, axis] = low, high
     a = np.arange(n)
     b = (a + 1) % n
     return vertices, np.concatenate([np.stack([a, b, n + b], axis=1), np.stack([a, n + b, n + a], axis=1)])
 
 
-def _closed(corners: Points, half: float) -> tuple[Points, NDArray[np.int64]]:
-    """Return vertices and faces of a convex yz polygon's prism, from x = -half to half."""
-    vertices, sides = _belt(corners, half)
+def closed_prism(corners: Points, axis: int, low: float, high: float) -> tuple[Points, Faces]:
+    """Return vertices and faces of a convex polygon's prism along an axis, see `belt`."""
+    vertices, sides = belt(corners, axis, low, high)
     n = len(corners)
     fan = np.stack([np.zeros(n - 2, dtype=np.int64), np.arange(1, n - 1), np.arange(2, n)], axis=1)
     return vertices, np.concatenate([sides, fan[:, ::-1], fan + n])

@@ -10,26 +10,16 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from eigenbench.errors import DataError, GenerationError, UsageError, choose
-from eigenbench.generators import relabelling, tube
-from eigenbench.generators.library import Library, load_library, open_library
-from eigenbench.generators.philox import key_of
+from eigenbench.generators import relabelling
+from eigenbench.generators.building import Maker, build
+from eigenbench.generators.family import Stock
 from eigenbench.generators.sources import load_notes, parse_source, split_rule
+from eigenbench.generators.stock import left_out, load_stock, open_stock
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import MANIFEST, Manifest, ShardEntry, read_manifest, write_manifest
-from eigenbench.records import Arrays, Audit, Recipe
-from eigenbench.shard_format import (
-    PAIRS_PER_SHARD,
-    PRIMITIVE_SHAPE,
-    REASONS,
-    content_digest,
-    shard_name,
-    shard_sizes,
-    zero_rows,
-)
+from eigenbench.records import Audit, Recipe
+from eigenbench.shard_format import PAIRS_PER_SHARD, content_digest, shard_name, shard_sizes
 from eigenbench.shards import read_about, read_shard, remove_leftovers, settle, staged_shard
 from eigenbench.tasks import SPLITS, find_task
 
@@ -47,7 +37,7 @@ class ShardJob:
     """What a worker needs to make one shard; `expected` is what a finished split's manifest says of it."""
 
     recipe: Recipe
-    library: Path
+    libraries: tuple[Path, ...]
     folder: Path
     index: int
     pairs: int
@@ -82,6 +72,7 @@ def generate(
     workers: int | None = None,
     engine: str = "fast",
     protocol: str = "exact",
+    draws: str = "ratio",
     shapes: str = "default",
     audit: float = 0.001,
     progress: Progress | None = None,
@@ -100,20 +91,20 @@ def generate(
     """
     workers = worker_count(workers)
     names = SPLITS if split == "all" else (split,)
-    find_task(task)
+    task = find_task(task).name
     choose("split", split, (*SPLITS, "all"))
     kind = parse_source(shapes).kind
     plans = []
     for name in names:
         size = FULL_SIZE[name] if pairs is None else pairs
-        recipe = Recipe(task, name, size, seed, protocol, engine, audit, kind)
-        library = load_library(shapes, name)
-        recipe = replace(recipe, shapes_digest=library.digest)
+        recipe = Recipe(task, name, size, seed, protocol, draws, engine, audit, kind)
+        stock = load_stock(shapes, name, find_task(task))
+        recipe = replace(recipe, shapes_digest=stock.digest)
         folder = Path(out) / task / name
         _check_folder(folder, recipe)
-        plans.append((folder, recipe, library))
+        plans.append((folder, recipe, stock))
     return {
-        folder: _generate_split(folder, recipe, library, shapes, workers, progress) for folder, recipe, library in plans
+        folder: _generate_split(folder, recipe, stock, shapes, workers, progress) for folder, recipe, stock in plans
     }
 
 
@@ -141,13 +132,13 @@ def _recipe_of(targets: Path) -> Recipe | None:
 
 
 def _generate_split(
-    folder: Path, recipe: Recipe, library: Library, source: str, workers: int, progress: Progress | None
+    folder: Path, recipe: Recipe, stock: Stock, source: str, workers: int, progress: Progress | None
 ) -> Manifest:
     finished = read_manifest(folder) if (folder / MANIFEST).is_file() else None
     _make_folder(folder)
     remove_leftovers(folder)
     jobs = [
-        ShardJob(recipe, library.path, folder, index, size, finished.shards[index] if finished else None)
+        ShardJob(recipe, stock.paths, folder, index, size, finished.shards[index] if finished else None)
         for index, size in enumerate(shard_sizes(recipe.pairs))
     ]
     done: dict[int, ShardDone] = {}
@@ -166,10 +157,11 @@ def _generate_split(
         shards=tuple(done[k].entry for k in range(len(jobs))),
         audit=sum((d.audit for d in done.values()), Audit()),
         shapes_source=source,
-        shapes_split=split_rule(source, "object"),
-        shapes_used=library.used,
-        shapes_refused=library.refused,
-        shapes_notes=load_notes(source, "object", recipe.split),
+        shapes_split={role: split_rule(source, role) for role in stock.roles},
+        shapes_used={f"{role}/{c}": n for role in stock.roles for c, n in stock.of(role).used.items()},
+        shapes_refused={k: v for role in stock.roles for k, v in stock.of(role).refused.items()},
+        shapes_left_out=left_out(stock),
+        shapes_notes={k: v for role in stock.roles for k, v in load_notes(source, role, recipe.split).items()},
         versions=library_versions(),
     )
     write_manifest(folder, manifest)
@@ -203,14 +195,13 @@ def library_versions() -> dict[str, str]:
 
 def warm_up(job: ShardJob) -> None:
     """Compile the kernels, or load them, once before the workers start, so that none compiles twice."""
-    library = cached_library(job.library)
-    _fill(job.recipe, library, 0, 1)
+    build(cached_maker(job.recipe, job.libraries), 0, 1)
 
 
 @lru_cache(maxsize=2)
-def cached_library(path: Path) -> Library:
-    """Return the packed shapes of a file, read once a process."""
-    return open_library(path)
+def cached_maker(recipe: Recipe, libraries: tuple[Path, ...]) -> Maker:
+    """Return what making a recipe's pairs needs, its shapes read once a process."""
+    return Maker.of(recipe, open_stock(find_task(recipe.task), libraries))
 
 
 def make_shard(job: ShardJob) -> ShardDone:
@@ -218,9 +209,11 @@ def make_shard(job: ShardJob) -> ShardDone:
     found = _finished(job)
     if found is not None:
         return found
-    library = cached_library(job.library)
-    inputs, targets, shapes = build_rows(job.recipe, library, job.first, job.pairs)
-    counts, troubles = relabelling.audit(job.recipe, library, shapes, job.first, targets)
+    block = build(cached_maker(job.recipe, job.libraries), job.first, job.pairs)
+    if job.recipe.engine == "fcl":
+        relabelling.label_by_fcl(block)
+    inputs, targets = block.inputs, block.targets
+    counts, troubles = relabelling.audit(block)
     if troubles:
         msg = (
             f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
@@ -273,49 +266,3 @@ def _finished(job: ShardJob) -> ShardDone | None:
     except (DataError, UsageError, KeyError, TypeError):
         return None
     return ShardDone(job.index, entry, audit) if whole and job.expected in (None, entry) else None
-
-
-def build_rows(recipe: Recipe, library: Library, first: int, count: int) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
-    """Return (inputs, targets, shape index of each row) of the pairs first to first + count - 1."""
-    inputs, targets, shapes = _fill(recipe, library, first, count)
-    targets["pair_id"][:] = inputs["pair_id"]
-    targets["binding"][:] = True
-    targets["env_scale"][:] = 1.0
-    targets["env_rotation"][:, 0] = 1.0
-    targets["env_shape"][:] = PRIMITIVE_SHAPE.encode()
-    targets["env_category"][:] = recipe.task.encode()
-    targets["obj_shape"][:] = library.names[shapes]
-    targets["obj_category"][:] = library.categories[shapes]
-    if recipe.engine == "fcl":
-        _label_by_fcl(recipe, library, shapes, first, targets)
-    return inputs, targets, shapes
-
-
-def _fill(recipe: Recipe, library: Library, first: int, count: int) -> tuple[Arrays, Arrays, NDArray[np.int64]]:
-    task = find_task(recipe.task)
-    inputs, targets = zero_rows("inputs", count, task), zero_rows("targets", count, task)
-    shapes = np.zeros(count, dtype=np.int64)
-    tube.fill(
-        key_of(recipe),
-        first,
-        library.surface,
-        recipe.protocol == "exact",
-        tuple(inputs[k] for k in ("pair_id", "env_points", "obj_points")),
-        tuple(targets[k] for k in tube.TARGETS),
-        shapes,
-    )
-    return inputs, targets, shapes
-
-
-def _label_by_fcl(recipe: Recipe, library: Library, shapes: NDArray[np.int64], first: int, targets: Arrays) -> None:
-    """Replace labels, witnesses and reasons by those of the FCL sweep."""
-    for row, shape in enumerate(shapes):
-        found = relabelling.relabel(recipe, library, int(shape), first + row, targets, row)
-        targets["label"][row] = found.label
-        targets["witness"][row] = found.witness
-        if found.label:
-            targets["reason"][row] = REASONS["fits"]
-        elif targets["margin"][row] < 0:
-            targets["reason"][row] = REASONS["length_0"] + targets["decides"][row]
-        else:
-            targets["reason"][row] = REASONS["no_candidate"]

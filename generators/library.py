@@ -45,6 +45,7 @@ class Library:
     categories : (K,) bytes
     diameters : (K,) diameter of each enclosing ball before scaling, in the source's unit
     measures : of each shape, in the packed frame
+    metric : the source's unit is the metre
     refused : reason by shape name
     digest : sha256 of names, categories, measures and arrays
     path : the file that holds all this, for workers
@@ -55,9 +56,16 @@ class Library:
     categories: NDArray[np.bytes_]
     diameters: NDArray[np.float64]
     measures: tuple[Measures, ...]
+    metric: bool
     refused: dict[str, str]
     digest: str
     path: Path
+
+    def triangles(self, shape: int) -> NDArray[np.float64]:
+        """Return the (f, 3, 3) corners of a shape's faces, in its rest frame at size 1."""
+        start = self.surface.face_start
+        rows = self.surface.triangles[start[shape] : start[shape + 1]]
+        return np.stack([rows[:, 0], rows[:, 0] + rows[:, 1], rows[:, 0] + rows[:, 2]], axis=1)
 
     def hull(self, shape: int) -> NDArray[np.float64]:
         """Return the (h, 3) hull vertices of a shape, in its rest frame at size 1."""
@@ -76,12 +84,12 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
     UsageError for another source, ShapeError where no usable shape is left.
     """
     if parse_source(source).kind != "default":
-        return _pack(*_measured(*load_shapes(source, role, split), role))
+        return _pack(*_measured(*load_shapes(source, role, split), role), metric=False)
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    library = _pack(*load_shapes(source, role, split))
+    library = _pack(*load_shapes(source, role, split), metric=True)
     write_text_atomically(note, library.path.name)
     return library
 
@@ -151,7 +159,7 @@ def normalise(shape: Shape) -> _Packed:
     return _Packed(triangles, keep, other, np.unique(unit[hull.vertices], axis=0), measures, diameter)
 
 
-def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
+def _pack(shapes: list[Shape], refused: dict[str, str], metric: bool) -> Library:
     """Normalise and pack shapes, which are sorted by category; the unusable join `refused`."""
     refused = dict(refused)
     kept: list[Shape] = []
@@ -181,6 +189,7 @@ def _pack(shapes: list[Shape], refused: dict[str, str]) -> Library:
         categories,
         np.array([p.diameter for p in packed]),
         tuple(p.measures for p in packed),
+        metric,
         refused,
     )
 
@@ -211,12 +220,14 @@ def _store(
     categories: NDArray[np.bytes_],
     diameters: NDArray[np.float64],
     measures: tuple[Measures, ...],
+    metric: bool,
     refused: dict[str, str],
 ) -> Library:
     """Write the packed shapes into the cache, under their digest, and return them."""
     text = json.dumps([measures_to_json(m) for m in measures]).encode()
     arrays = {**surface._asdict(), "names": names, "categories": categories, "diameters": diameters}
     arrays["measures"] = np.frombuffer(text, dtype=np.uint8)
+    arrays["metric"] = np.array(metric)
     digest = _digest(arrays)
     path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -230,14 +241,16 @@ def _store(
         raise GenerationError(msg) from error
     finally:
         temporary.unlink(missing_ok=True)
-    return Library(surface, names, categories, diameters, measures, refused, digest, path)
+    return Library(surface, names, categories, diameters, measures, metric, refused, digest, path)
 
 
 def open_library(path: Path) -> Library:
     """Read packed shapes back; DataError if the file is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {k: stored[k] for k in (*Surface._fields, "names", "categories", "diameters", "measures")}
+            arrays = {
+                k: stored[k] for k in (*Surface._fields, "names", "categories", "diameters", "measures", "metric")
+            }
             refused = json.loads(str(stored["refused"]))
     except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         msg = f"Shape cache {path} cannot be read: {error}. Delete it and run again."
@@ -248,4 +261,14 @@ def open_library(path: Path) -> Library:
         raise DataError(msg)
     surface = Surface(**{k: arrays[k] for k in Surface._fields})
     measures = tuple(measures_from_json(m) for m in json.loads(arrays["measures"].tobytes()))
-    return Library(surface, arrays["names"], arrays["categories"], arrays["diameters"], measures, refused, digest, path)
+    return Library(
+        surface,
+        arrays["names"],
+        arrays["categories"],
+        arrays["diameters"],
+        measures,
+        bool(arrays["metric"]),
+        refused,
+        digest,
+        path,
+    )

@@ -288,3 +288,23 @@ def pierced(outer: Points, inner: Points, section: Points, holes: NDArray[np.boo
 
 def _outward(mesh: Mesh) -> Mesh:
     return mesh if volume(mesh) > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+def icosphere(subdivisions: int) -> Mesh:
+    """Return the unit sphere as a subdivided icosahedron of 20 * 4^subdivisions faces, its vertices on the sphere."""
+    golden = (1 + np.sqrt(5)) / 2
+    signs = np.array([[a, b] for a in (-1.0, 1.0) for b in (-golden, golden)])
+    flat = np.insert(signs, 0, 0.0, axis=1)
+    vertices = np.concatenate([np.roll(flat, k, axis=1) for k in range(3)])
+    vertices /= np.linalg.norm(vertices[0])
+    faces = np.asarray(ConvexHull(vertices).simplices, dtype=np.int64)
+    for _ in range(subdivisions):
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        edges, middle = np.unique(edges, axis=0, return_inverse=True)
+        middle = middle.reshape(-1, 3) + len(vertices)
+        between = vertices[edges].mean(axis=1)
+        vertices = np.concatenate([vertices, between / np.linalg.norm(between, axis=1, keepdims=True)])
+        a, b, c = faces.T
+        ab, bc, ca = middle.T
+        faces = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return _outward(Mesh(vertices, faces))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.philox import OBJ_SURFACE, Key, Quaternion, words
+from eigenbench.generators.philox import Key, Quaternion, words
 from eigenbench.shard_format import CLOUD_BITS, DIRECTION_BITS
 
 Floats = NDArray[np.float64]
@@ -124,11 +124,12 @@ def bounds(points: Floats, first: int, last: int, m: Floats) -> Floats:
 
 
 @kernel
-def sample_object(
+def sample_surface(
     surface: Surface,
     shape: int,
     key: Key,
     pair: int,
+    stream: int,
     m: Floats,
     scale: float,
     centre: Floats,
@@ -142,7 +143,7 @@ def sample_object(
     first = surface.face_start[shape]
     count = np.uint64(surface.face_start[shape + 1] - first)
     for i in range(len(out)):
-        a, b, c, d = words(key, pair, OBJ_SURFACE, i)
+        a, b, c, d = words(key, pair, stream, i)
         face = first + np.int64((a * count) >> np.uint64(32))
         if b >= surface.keep[face]:
             face = first + surface.other[face]

@@ -1,0 +1,176 @@
+"""The task `cylinder`: a cylindrical container along z with a floor and an open top; the object must lie wholly inside.
+
+Below the rim, that is: the smallest circle around its xy silhouette against the radius, its extent in z against the height.
+"""
+
+import numpy as np
+
+from eigenbench.generators.compiled import kernel
+from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
+from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
+from eigenbench.generators.outlines import enclosing_circle
+from eigenbench.generators.pairs import (
+    SIDES,
+    TRIED,
+    Floats32,
+    Law,
+    Point,
+    Rows,
+    box_of,
+    centre_object,
+    conclude,
+    decide_by_lengths,
+    drawn,
+    hull_in_scene,
+    lacking,
+    log_uniform,
+    measure_along,
+    measure_round,
+    name_pair,
+    on_wall_grid,
+    put,
+    settle,
+    size_object,
+    spread,
+    to_unit,
+    turn_object,
+    turn_scene,
+    unit_circle,
+)
+from eigenbench.generators.philox import ENV_SURFACE, Key, words
+from eigenbench.generators.surface import Floats, Surface
+
+RADIUS = (0.05, 0.6)
+"""Radius of a container, log-uniform, m."""
+HEIGHT = (0.1, 1.2)
+"""Height of a container, log-uniform, m."""
+OBJECT = (0.15, 1.2)
+"""Diameter of an object under independent draws, log-uniform, m."""
+SIDES_OF_WALL = 192
+"""Sides of the wall that FCL sees, circumscribed: it lies at most 1.4e-4 of the radius outside of the ideal one."""
+
+_LOG_RADIUS = float(np.log(RADIUS[1] / RADIUS[0]))
+_LOG_HEIGHT = float(np.log(HEIGHT[1] / HEIGHT[0]))
+_LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
+
+
+@kernel
+def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Rows, row: int) -> bool:
+    """Draw a pair: `sizes` is radius, height. False if it lies too near its boundary."""
+    sizes = rows.sizes[row]
+    sizes[0] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES), RADIUS[0], _LOG_RADIUS))
+    sizes[1] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + 1), HEIGHT[0], _LOG_HEIGHT))
+    turn_scene(key, pair, attempt, law, rows, row)
+    hull = turn_object(key, pair, attempt, objects, rows, row)
+    box = box_of(hull)
+    z = box[1, 2] - box[0, 2]
+    _x, _y, radius = enclosing_circle(hull, len(hull))
+    size = size_object(
+        key, pair, attempt, law, min(sizes[0] / radius, sizes[1] / z), OBJECT[0], _LOG_OBJECT, rows, row
+    )
+    measure_round(rows, row, 0, sizes[0], size * radius)
+    measure_along(rows, row, 1, 2, -0.5 * sizes[1], 0.5 * sizes[1], size * z)
+    return decide_by_lengths(rows, row, 2, max(2.0 * sizes[0], sizes[1]))
+
+
+@kernel
+def placement(key: Key, pair: int, index: int, hull: Floats, rows: Rows, row: int) -> Point:
+    """Return a placement: 0 has the silhouette's circle on the axis, the others the box's middle anywhere in the volume."""
+    box, size, sizes = box_of(hull), rows.obj_scale[row], rows.sizes[row]
+    if index == 0:
+        x, y, _radius = enclosing_circle(hull, len(hull))
+        return -size * x, -size * y, -0.5 * size * (box[0, 2] + box[1, 2])
+    turn, away, up = spread(key, pair, index)
+    c, s = unit_circle(turn)
+    away = np.sqrt(away) * sizes[0]
+    return (
+        away * c - 0.5 * size * (box[0, 0] + box[1, 0]),
+        away * s - 0.5 * size * (box[0, 1] + box[1, 1]),
+        (up - 0.5) * sizes[1] - 0.5 * size * (box[0, 2] + box[1, 2]),
+    )
+
+
+@kernel
+def is_inside(hull: Floats, size: float, t: Point, radius: float, height: float) -> bool:
+    """Say whether every vertex lies strictly inside the ideal container."""
+    for i in range(len(hull)):
+        x, y, z = size * hull[i, 0] + t[0], size * hull[i, 1] + t[1], size * hull[i, 2] + t[2]
+        if x * x + y * y >= radius * radius or abs(z) >= 0.5 * height:
+            return False
+    return True
+
+
+@kernel
+def find(key: Key, pair: int, law: Law, hull: Floats, rows: Rows, row: int) -> bool:
+    """Settle on the first free placement, False where none is."""
+    if rows.margin[row] < 0.0:
+        return False
+    for index in range(0 if law.guided else 1, TRIED + 1):
+        t = settle(rows, row, placement(key, pair, index, hull, rows, row))
+        if is_inside(hull, rows.obj_scale[row], t, rows.sizes[row, 0], rows.sizes[row, 1]):
+            return True
+    return False
+
+
+@kernel
+def fill(key: Key, first: int, law: Law, tables: tuple[Surface], rows: Rows) -> None:
+    """Draw and label the pairs first, first + 1, ... into the rows of a block."""
+    for row in range(len(rows.label)):
+        pair, attempt = first + row, 0
+        name_pair(key, pair, rows, row)
+        while not draw(key, pair, attempt, law, tables[0], rows, row):
+            attempt += 1
+        centre_object(tables[0], rows, row)
+        hull = hull_in_scene(tables[0], rows, row)
+        conclude(rows, row, find(key, pair, law, hull, rows, row), lacking(rows, row))
+
+
+@kernel
+def placements(key: Key, pair: int, law: Law, tables: tuple[Surface], rows: Rows, row: int) -> Floats:
+    """Return the (k, 3) witnesses that are tried, in order."""
+    first = 0 if law.guided else 1
+    hull = hull_in_scene(tables[0], rows, row)
+    out = np.zeros((TRIED + 1 - first, 3))
+    for index in range(first, TRIED + 1):
+        settle(rows, row, placement(key, pair, index, hull, rows, row))
+        for k in range(3):
+            out[index - first, k] = rows.witness[row, k]
+    return out
+
+
+@kernel
+def sample(key: Key, first: int, rows: Rows, env_points: Floats32) -> None:
+    """Fill the clouds (n, m, 3) with points drawn evenly from wall and floor, which have no thickness."""
+    upright = np.eye(3)
+    for row in range(len(rows.label)):
+        radius, height = rows.sizes[row, 0], rows.sizes[row, 1]
+        floor = radius / (radius + 2.0 * height)
+        for i in range(env_points.shape[1]):
+            a, b, c, _d = words(key, first + row, ENV_SURFACE, i)
+            x, y = unit_circle(to_unit(b))
+            if to_unit(a) < floor:
+                away = radius * np.sqrt(to_unit(c))
+                put(upright, away * x, away * y, -0.5 * height, env_points[row, i])
+            else:
+                put(upright, radius * x, radius * y, (to_unit(c) - 0.5) * height, env_points[row, i])
+
+
+def reference(pair: Pair) -> Sweep:
+    """Return the pair as FCL sees it: a circumscribed wall with a floor, and the object's hull, since both are convex."""
+    posed = pair.posed()
+    radius, height = pair.of("env_lengths")
+    angle = 2 * np.pi * np.arange(SIDES_OF_WALL) / SIDES_OF_WALL
+    outer = radius / np.cos(np.pi / SIDES_OF_WALL)
+    corners = outer * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    vertices, faces = belt(corners, 2, -height / 2, height / 2)
+    a = np.arange(1, SIDES_OF_WALL - 1)
+    faces = np.concatenate([faces, np.stack([0 * a, a, a + 1], axis=1)])
+
+    def inside(placement: Points) -> bool:
+        at = posed.hull + placement
+        return bool(np.all(np.hypot(at[:, 0], at[:, 1]) < radius) and np.all(np.abs(at[:, 2]) < height / 2))
+
+    return Sweep.of(mesh_model(vertices, faces), mesh_model(posed.hull, hull_faces(pair)), inside)
+
+
+FAMILY = Family(objects_only, fill, placements, reference, sample)

@@ -1,0 +1,165 @@
+"""What a task's module tells the engine: a `Family`; and what the engine hands to it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenbench.errors import UsageError
+from eigenbench.generators.fcl_engine import Sweep
+from eigenbench.generators.library import Library
+from eigenbench.generators.pairs import Law, Rows
+from eigenbench.generators.philox import Key
+from eigenbench.generators.surface import matrix_of
+from eigenbench.records import Arrays
+from eigenbench.tasks import TaskSpec
+
+Points = NDArray[np.float64]
+Tables = tuple[Any, ...]
+"""What a family's kernels need besides rows: packed surfaces and tables of measures, as NamedTuples."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stock:
+    """The shapes of one task and split; a side that is drawn afresh has none."""
+
+    task: TaskSpec
+    objects: Library | None
+    environments: Library | None
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the shapes, objects first."""
+        return tuple(role for role in (self.task.object, self.task.environment) if role is not None)
+
+    def of(self, role: str) -> Library:
+        """Return the shapes of a role."""
+        library = self.objects if role == self.task.object else self.environments
+        assert library is not None
+        return library
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that hold the shapes, objects first."""
+        return tuple(self.of(role).path for role in self.roles)
+
+    @property
+    def digest(self) -> str:
+        """The digests of the shapes, objects first."""
+        return "+".join(self.of(role).digest for role in self.roles)
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A pair as its stored targets pose it, in the scene frame, before the object is placed.
+
+    Attributes
+    ----------
+    turn : (3, 3) scene_from_object rotation
+    size : m, diameter of the object's enclosing ball; 1 where it is drawn afresh
+    hull : (h, 3) m, hull vertices about the object's origin; empty where it is drawn afresh
+    scene : (3, 3) world_from_scene rotation
+    shift : (3,) m, what a witness lacks to the object's origin, world axes
+    """
+
+    turn: Points
+    size: float
+    hull: Points
+    scene: Points
+    shift: Points
+
+    def placement(self, witness: Points) -> Points:
+        """Return where a witness (..., 3) puts the object's origin, scene axes."""
+        return np.asarray((witness + self.shift) @ self.scene)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """One row of stored targets, with the indices of its shapes in their libraries (-1: drawn afresh)."""
+
+    stock: Stock
+    targets: Arrays
+    row: int
+    obj_index: int
+    env_index: int
+
+    def of(self, field: str) -> Any:
+        """Return the row's value of a target field."""
+        return self.targets[field][self.row]
+
+    @property
+    def env_size(self) -> float:
+        """Diameter of a library environment's enclosing ball, m."""
+        assert self.stock.environments is not None
+        return float(self.of("env_scale")) * unit_diameter(self.stock.environments, self.env_index)
+
+    def posed(self) -> Posed:
+        """Pose the pair."""
+        scene, thing = matrix_of(tuple(self.of("env_rotation"))), matrix_of(tuple(self.of("obj_rotation")))
+        objects, environments = self.stock.objects, self.stock.environments
+        size, hull, shift = 1.0, np.zeros((0, 3)), np.zeros(3)
+        if objects is not None:
+            size = float(self.of("obj_scale"))
+            hull = size * objects.hull(self.obj_index)
+            shift = shift - middle(hull @ thing.T)
+        if environments is not None:
+            shift = shift + self.env_size * middle(environments.hull(self.env_index) @ scene.T)
+        turn = scene.T @ thing
+        return Posed(turn, size, hull @ turn.T, scene, shift)
+
+
+def objects_only(stock: Stock) -> Tables:
+    """Return the tables of a task whose environments are drawn afresh: the packed objects."""
+    assert stock.objects is not None
+    return (stock.objects.surface,)
+
+
+def middle(points: Points) -> Points:
+    """Return the middle (3,) of the box of points (n, 3)."""
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def unit_diameter(library: Library, shape: int) -> float:
+    """Return the diameter of an environment shape at scale 1, m: its own where it is in metres, else 1 m."""
+    return float(library.diameters[shape]) if library.metric else 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A task, as its module gives it. The callables but the last two are kernels.
+
+    Attributes
+    ----------
+    tables : what the kernels take as `tables`, made once a process from the shapes
+    fill : (key, first, law, tables, rows), draws and labels the pairs first, first + 1, ... into `rows`
+    placements : (key, pair, law, tables, rows, row) -> (k, 3), the witnesses that are tried, in order
+    sample : (key, first, rows, env_points), fills (n, m, 3) clouds of environments drawn afresh; None for library shapes
+    sample_object : the same for objects that are drawn afresh
+    reference : the pair as FCL sees it
+    confirm : the same with only what a witness could touch, where that is much quicker
+    left_out : the reason of every sound shape that the task does not draw, by name
+    """
+
+    tables: Callable[[Stock], Tables]
+    fill: Callable[[Key, int, Law, Tables, Rows], None]
+    placements: Callable[[Key, int, Law, Tables, Rows, int], Points]
+    reference: Callable[[Pair], Sweep]
+    sample: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
+    sample_object: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
+    confirm: Callable[[Pair], Sweep] | None = None
+    left_out: Callable[[Stock], dict[str, str]] = lambda _stock: {}
+
+
+def family_of(task: TaskSpec) -> Family:
+    """Return the family of a task: `FAMILY` of the module that is named like it, up to the first hyphen."""
+    try:
+        module = import_module(f"eigenbench.generators.{task.family}")
+    except ModuleNotFoundError as error:
+        msg = f"Task '{task.name}' cannot be generated: there is no module generators/{task.family}.py."
+        raise UsageError(msg) from error
+    found: Family = module.FAMILY
+    return found

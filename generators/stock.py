@@ -1,0 +1,49 @@
+"""The shapes that one task draws from one split of a source, for either side."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from eigenbench.errors import ShapeError
+from eigenbench.generators.family import Stock, family_of
+from eigenbench.generators.library import Library, load_library, open_library
+from eigenbench.tasks import TaskSpec
+
+
+def load_stock(source: str, split: str, task: TaskSpec) -> Stock:
+    """Build or fetch the shapes of a task.
+
+    UsageError for an unknown source, ShapeError where a side has no usable shape, or none that the task can draw.
+    """
+    objects, environments = (
+        None if r is None else load_library(source, split, r) for r in (task.object, task.environment)
+    )
+    stock = Stock(task, objects, environments)
+    out = left_out(stock)
+    for role in stock.roles:
+        names = {name.decode() for name in stock.of(role).names.tolist()}
+        if names <= out.keys():
+            reason = next(iter(out[name] for name in sorted(names)))
+            msg = (
+                f"No {role} of the {split} split of '{source}' can be drawn for task '{task.name}': each {reason}. "
+                "Choose another source of shapes, or another task."
+            )
+            raise ShapeError(msg)
+    return stock
+
+
+def open_stock(task: TaskSpec, paths: tuple[Path, ...]) -> Stock:
+    """Read the shapes of a task back from the files of `Stock.paths`."""
+    found = iter(paths)
+    objects, environments = (None if r is None else _open(next(found)) for r in (task.object, task.environment))
+    return Stock(task, objects, environments)
+
+
+@lru_cache(maxsize=4)
+def _open(path: Path) -> Library:
+    """Read packed shapes once a process, whichever tasks use them."""
+    return open_library(path)
+
+
+def left_out(stock: Stock) -> dict[str, str]:
+    """Return the reason of every sound shape that the task does not draw, by name."""
+    return family_of(stock.task).left_out(stock)
