@@ -28,17 +28,17 @@ from eigenbench.generators.pairs import (
     measure_round,
     name_pair,
     on_wall_grid,
-    put,
+    quaternion,
     settle,
     size_object,
     spread,
-    to_unit,
+    store,
     turn_object,
     turn_scene,
     unit_circle,
 )
-from eigenbench.generators.philox import ENV_SURFACE, Key, words
-from eigenbench.generators.surface import Floats, Surface
+from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
+from eigenbench.generators.surface import Floats, Surface, matrix_of
 
 RADIUS = (0.05, 0.6)
 """Radius of a container, log-uniform, m."""
@@ -139,20 +139,29 @@ def placements(key: Key, pair: int, law: Law, tables: tuple[Surface], rows: Rows
 
 
 @kernel
+def on_walls(drawn: WordBlock, sizes: Floats, points: Floats) -> None:
+    """Fill points (3, BLOCK) drawn evenly from wall and floor."""
+    radius, height = sizes[0], sizes[1]
+    floor = radius / (radius + 2.0 * height)
+    for i in range(BLOCK):
+        x, y = unit_circle(unit(drawn[1, i]))
+        on_floor = unit(drawn[0, i]) < floor
+        u = unit(drawn[2, i])
+        away = radius * np.sqrt(u) if on_floor else radius
+        points[0, i], points[1, i] = away * x, away * y
+        points[2, i] = -0.5 * height if on_floor else (u - 0.5) * height
+
+
+@kernel
 def sample(key: Key, first: int, rows: Rows, env_points: Floats32) -> None:
-    """Fill the clouds (n, m, 3) with points drawn evenly from wall and floor, which have no thickness."""
-    upright = np.eye(3)
-    for row in range(len(rows.label)):
-        radius, height = rows.sizes[row, 0], rows.sizes[row, 1]
-        floor = radius / (radius + 2.0 * height)
-        for i in range(env_points.shape[1]):
-            a, b, c, _d = words(key, first + row, ENV_SURFACE, i)
-            x, y = unit_circle(to_unit(b))
-            if to_unit(a) < floor:
-                away = radius * np.sqrt(to_unit(c))
-                put(upright, away * x, away * y, -0.5 * height, env_points[row, i])
-            else:
-                put(upright, radius * x, radius * y, (to_unit(c) - 0.5) * height, env_points[row, i])
+    """Fill the clouds (n, m, 3) with points drawn evenly from wall and floor, which has no thickness."""
+    drawn, points = np.zeros((4, BLOCK), np.uint32), np.zeros((3, BLOCK))
+    for row in range(len(env_points)):
+        m = matrix_of(quaternion(rows.env_rotation[row]))
+        for start in range(0, env_points.shape[1], BLOCK):
+            block_words(key, first + row, ENV_SURFACE, start, drawn)
+            on_walls(drawn, rows.sizes[row], points)
+            store(m, points, env_points[row, start : start + BLOCK])
 
 
 def reference(pair: Pair) -> Sweep:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from eigenbench.errors import UsageError
 from eigenbench.generators.fcl_engine import Sweep
@@ -116,6 +118,17 @@ def objects_only(stock: Stock) -> Tables:
     """Return the tables of a task whose environments are drawn afresh: the packed objects."""
     assert stock.objects is not None
     return (stock.objects.surface,)
+
+
+def hull_faces(pair: Pair) -> NDArray[np.int64]:
+    """Return the triangles (f, 3) of an object's hull, as indices of its hull vertices."""
+    assert pair.stock.objects is not None
+    return _hull_faces(pair.stock.objects.path, pair.obj_index, pair.stock.objects.hull)
+
+
+@lru_cache(maxsize=2048)
+def _hull_faces(_library: Path, shape: int, hull: Callable[[int], Points]) -> NDArray[np.int64]:
+    return np.asarray(ConvexHull(hull(shape)).simplices, dtype=np.int64)
 
 
 def middle(points: Points) -> Points:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
+Model = fcl.CollisionGeometry
 
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()
@@ -75,8 +76,8 @@ class Sweep:
     @classmethod
     def of(
         cls,
-        walls: fcl.CollisionGeometry,
-        thing: fcl.CollisionGeometry,
+        walls: Model,
+        thing: Model,
         inside: Callable[[Points], bool],
         turn: Points = _IDENTITY,
         unit: float = 1.0,

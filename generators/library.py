@@ -118,8 +118,8 @@ class _Packed:
     """One shape's rows of a `Surface`, its measures, and the diameter of its enclosing ball before scaling."""
 
     triangles: NDArray[np.float64]
-    keep: NDArray[np.uint64]
-    other: NDArray[np.int64]
+    keep: NDArray[np.uint32]
+    other: NDArray[np.int32]
     hull: NDArray[np.float64]
     measures: Measures
     diameter: float

@@ -25,10 +25,11 @@ from eigenbench.generators.philox import (
     Quaternion,
     exponential,
     uniform,
+    unit,
     unit_quaternion,
     words,
 )
-from eigenbench.generators.surface import Floats, Surface, matrix_of, rounded_quaternion
+from eigenbench.generators.surface import Floats, Surface, matrix_of, round_cloud, rounded_quaternion
 from eigenbench.shard_format import CANDIDATES, CLOUD_BITS, LENGTH_BITS, MIN_MARGIN, REASONS
 
 RATIO_MAX = 1.5
@@ -44,9 +45,7 @@ SHAPE, RATIO, SIDES, ENV_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 24, 64, 512
 _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
-CLOUD = 2.0**CLOUD_BITS
 HALF_CLOUD = 2.0 ** (CLOUD_BITS - 1)
-_TO_UNIT = 1.0 / 4294967296.0
 _LOG_RATIO = float(np.log(RATIO_MAX))
 
 Point = tuple[float, float, float]
@@ -355,23 +354,21 @@ def lacking(rows: Rows, row: int) -> int:
 
 
 @kernel
-def to_unit(word: np.uint64) -> float:
-    """Return a 32-bit word as a number in (0, 1)."""
-    return (np.float64(word) + 0.5) * _TO_UNIT
-
-
-@kernel
 def spread(key: Key, pair: int, index: int) -> Point:
     """Return three uniform numbers in (0, 1) for the sampled placement `index` of a pair, 1 to CANDIDATES."""
     a, b, c, _d = words(key, pair, CANDIDATE, index)
-    return to_unit(a), to_unit(b), to_unit(c)
+    return unit(a), unit(b), unit(c)
 
 
 @kernel
-def put(m: Floats, x: float, y: float, z: float, out: Floats32) -> None:
-    """Write a point (3,) of an environment that is drawn afresh, turned into the world, on the grid of clouds."""
-    for k in range(3):
-        out[k] = np.rint((m[k, 0] * x + m[k, 1] * y + m[k, 2] * z) * CLOUD) / CLOUD
+def store(m: Floats, points: Floats, out: Floats32) -> None:
+    """Write points (3, BLOCK) of an environment that is drawn afresh as cloud rows, turned into the world by `m`."""
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        points[0, i] = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z
+        points[1, i] = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z
+        points[2, i] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z
+    round_cloud(points, out)
 
 
 TRIED = CANDIDATES

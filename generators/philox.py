@@ -8,6 +8,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.records import Recipe
@@ -15,15 +16,21 @@ from eigenbench.records import Recipe
 Key = tuple[int, int]
 Number = int | np.uint64
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+WordBlock = NDArray[np.uint32]
 Quaternion = tuple[float, float, float, float]
 
 PAIR_ID, DRAW, CANDIDATE, ENV_SURFACE, OBJ_SURFACE, AUDIT = range(6)
 """Streams of one pair; a stream that is not read does not shift the others."""
 
+BLOCK = 256
+"""Counters that a sampling kernel takes at a time: its scratch then stays in the nearest cache, and, being of
+constant size, lets the compiler see that the rows of a block do not overlap, so that its loops become vector code."""
+
 _MASK = np.uint64(0xFFFFFFFF)
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _32 = np.uint64(32)
+_TO_UNIT = 1.0 / 4294967296.0
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
@@ -41,12 +48,12 @@ def block(key0: Number, key1: Number, c0: Number, c1: Number, c2: Number, c3: Nu
     k0, k1 = np.uint64(key0), np.uint64(key1)
     x0, x1, x2, x3 = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
     for _ in range(10):
-        p0 = _M0 * x0
-        p1 = _M1 * x2
-        x0, x1, x2, x3 = (p1 >> _32) ^ x1 ^ k0, p1 & _MASK, (p0 >> _32) ^ x3 ^ k1, p0 & _MASK
-        k0 = (k0 + _W0) & _MASK
-        k1 = (k1 + _W1) & _MASK
-    return x0, x1, x2, x3
+        p0 = _M0 * (x0 & _MASK)  # masked where it is read, not where it is made: then one vector instruction
+        p1 = _M1 * (x2 & _MASK)
+        x0, x1, x2, x3 = (p1 >> _32) ^ x1 ^ k0, p1, (p0 >> _32) ^ x3 ^ k1, p0
+        k0 += _W0
+        k1 += _W1
+    return x0 & _MASK, x1 & _MASK, x2 & _MASK, x3 & _MASK
 
 
 @kernel
@@ -54,6 +61,22 @@ def words(key: Key, pair: int, stream: int, index: int) -> Words:
     """Return the four 32-bit words at `index` of one stream of one pair."""
     number = np.uint64(pair)
     return block(key[0], key[1], index, stream, number & _MASK, number >> _32)
+
+
+@kernel
+def block_words(key: Key, pair: int, stream: int, first: int, out: WordBlock) -> None:
+    """Fill `out` (4, n) with the words at the indices first, first + 1, ...: column i is `words` at first + i."""
+    number = np.uint64(pair)
+    low, high = number & _MASK, number >> _32
+    for i in range(out.shape[1]):
+        a, b, c, d = block(key[0], key[1], first + i, stream, low, high)
+        out[0, i], out[1, i], out[2, i], out[3, i] = a, b, c, d
+
+
+@kernel
+def unit(word: np.uint32) -> float:
+    """Return the middle of the word's cell when [0, 1] is cut into 2^32 cells: never 0 or 1, symmetric about 1/2."""
+    return (np.float64(word) + 0.5) * _TO_UNIT
 
 
 @kernel

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from eigenbench.generators.solids import Faces, Mesh, Points, volume
 

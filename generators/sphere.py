@@ -29,18 +29,18 @@ from eigenbench.generators.pairs import (
     measure_round,
     name_pair,
     on_wall_grid,
-    put,
+    quaternion,
     settle,
     size_object,
     spread,
-    to_unit,
+    store,
     turn_object,
     turn_scene,
     unit_circle,
 )
-from eigenbench.generators.philox import ENV_SURFACE, Key, words
+from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.primitives import icosphere
-from eigenbench.generators.surface import Floats, Surface
+from eigenbench.generators.surface import Floats, Surface, matrix_of
 
 RADIUS = (0.05, 0.6)
 """Radius of a shell, log-uniform, m."""
@@ -133,17 +133,25 @@ def placements(key: Key, pair: int, law: Law, tables: tuple[Surface], rows: Rows
 
 
 @kernel
+def on_shell(drawn: WordBlock, sizes: Floats, points: Floats) -> None:
+    """Fill points (3, BLOCK) drawn evenly from the shell: z and the turn about it are uniform, as Archimedes found."""
+    for i in range(BLOCK):
+        x, y = unit_circle(unit(drawn[0, i]))
+        z = 2.0 * unit(drawn[1, i]) - 1.0
+        level = sizes[0] * np.sqrt(1.0 - z * z)
+        points[0, i], points[1, i], points[2, i] = level * x, level * y, sizes[0] * z
+
+
+@kernel
 def sample(key: Key, first: int, rows: Rows, env_points: Floats32) -> None:
-    """Fill the clouds (n, m, 3) with points drawn evenly from the shell: z and the turn about it are uniform."""
-    upright = np.eye(3)
-    for row in range(len(rows.label)):
-        radius = rows.sizes[row, 0]
-        for i in range(env_points.shape[1]):
-            a, b, _c, _d = words(key, first + row, ENV_SURFACE, i)
-            x, y = unit_circle(to_unit(a))
-            z = 2.0 * to_unit(b) - 1.0
-            level = radius * np.sqrt(1.0 - z * z)
-            put(upright, level * x, level * y, radius * z, env_points[row, i])
+    """Fill the clouds (n, m, 3) with points drawn evenly from the shell, which has no thickness."""
+    drawn, points = np.zeros((4, BLOCK), np.uint32), np.zeros((3, BLOCK))
+    for row in range(len(env_points)):
+        m = matrix_of(quaternion(rows.env_rotation[row]))
+        for start in range(0, env_points.shape[1], BLOCK):
+            block_words(key, first + row, ENV_SURFACE, start, drawn)
+            on_shell(drawn, rows.sizes[row], points)
+            store(m, points, env_points[row, start : start + BLOCK])
 
 
 @lru_cache(maxsize=1)

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.philox import Key, Quaternion, words
+from eigenbench.generators.philox import BLOCK, Key, Quaternion, WordBlock, block_words, unit
 from eigenbench.shard_format import CLOUD_BITS, DIRECTION_BITS
 
 Floats = NDArray[np.float64]
 
 _CLOUD = 2.0**CLOUD_BITS
 _DIRECTION = 2.0**DIRECTION_BITS
-_TO_UNIT = 1.0 / 4294967296.0
 
 
 class Surface(NamedTuple):
@@ -26,7 +25,7 @@ class Surface(NamedTuple):
     ----------
     triangles : (F, 3, 3) float64, a corner and the two edges that leave it
     keep, other : (F,), the alias table of each shape over its faces: keep the drawn face if the
-        32-bit word is below `keep`, else take the face `other` (index within the shape)
+        32-bit word is below `keep`, else take the face `other` (index within the shape; itself where all is kept)
     face_start : (K + 1,), faces of shape k are face_start[k]:face_start[k + 1]
     hull : (H, 3) float64, vertices of each shape's convex hull
     hull_start : (K + 1,), as face_start
@@ -34,8 +33,8 @@ class Surface(NamedTuple):
     """
 
     triangles: NDArray[np.float64]
-    keep: NDArray[np.uint64]
-    other: NDArray[np.int64]
+    keep: NDArray[np.uint32]
+    other: NDArray[np.int32]
     face_start: NDArray[np.int64]
     hull: NDArray[np.float64]
     hull_start: NDArray[np.int64]
@@ -43,7 +42,7 @@ class Surface(NamedTuple):
 
 
 @kernel
-def alias_table(triangles: Floats) -> tuple[NDArray[np.uint64], NDArray[np.int64], float]:
+def alias_table(triangles: Floats) -> tuple[NDArray[np.uint32], NDArray[np.int32], float]:
     """Return (keep, other, area) of faces drawn in proportion to their area.
 
     Vose, "A linear algorithm for generating random numbers with a given distribution", 1991.
@@ -58,8 +57,8 @@ def alias_table(triangles: Floats) -> tuple[NDArray[np.uint64], NDArray[np.int64
         cz = e1[0] * e2[1] - e1[1] * e2[0]
         area[f] = 0.5 * np.sqrt(cx * cx + cy * cy + cz * cz)
         total += area[f]
-    keep = np.full(n, np.uint64(4294967296))
-    other = np.arange(n)
+    keep = np.full(n, np.uint32(4294967295))
+    other = np.arange(n).astype(np.int32)
     if total == 0.0:
         return keep, other, total
     share = area * (n / total)
@@ -75,7 +74,7 @@ def alias_table(triangles: Floats) -> tuple[NDArray[np.uint64], NDArray[np.int64
     while smalls > 0 and larges > 0:
         smalls -= 1
         s, g = small[smalls], large[larges - 1]
-        keep[s] = np.uint64(share[s] * 4294967296.0)
+        keep[s] = np.uint32(share[s] * 4294967296.0)
         other[s] = g
         share[g] -= 1.0 - share[s]
         if share[g] < 1.0:
@@ -124,6 +123,39 @@ def bounds(points: Floats, first: int, last: int, m: Floats) -> Floats:
 
 
 @kernel
+def round_cloud(points: Floats, out: NDArray[np.float32]) -> None:
+    """Store the first n columns of `points` (3, BLOCK) as the rows of `out` (n, 3), rounded to the cloud grid."""
+    for i in range(len(out)):
+        out[i, 0] = np.rint(points[0, i] * _CLOUD) / _CLOUD
+        out[i, 1] = np.rint(points[1, i] * _CLOUD) / _CLOUD
+        out[i, 2] = np.rint(points[2, i] * _CLOUD) / _CLOUD
+
+
+@kernel
+def _points_of_shape(surface: Surface, shape: int, drawn: WordBlock, points: Floats) -> None:
+    """Fill `points` (3, BLOCK) with points drawn evenly from a shape in its rest frame; `drawn` is used up.
+
+    One counter a point: a face by the alias table, then the square-root rule in the triangle (Osada et al.,
+    "Shape distributions", ACM TOG 2002).
+    """
+    first, last = surface.face_start[shape], surface.face_start[shape + 1]
+    keep, other, triangles = surface.keep[first:last], surface.other[first:last], surface.triangles[first:last]
+    count = np.uint64(last - first)
+    for i in range(BLOCK):
+        root = np.sqrt(unit(drawn[2, i]))
+        v = root * unit(drawn[3, i])
+        points[0, i], points[1, i] = root - v, v
+    for i in range(BLOCK):
+        face = (np.uint64(drawn[0, i]) * count) >> np.uint64(32)
+        drawn[0, i] = np.uint32(face) if drawn[1, i] < keep[face] else np.uint32(other[face])
+    for i in range(BLOCK):
+        face, u, v = np.uint64(drawn[0, i]), points[0, i], points[1, i]
+        points[0, i] = triangles[face, 0, 0] + u * triangles[face, 1, 0] + v * triangles[face, 2, 0]
+        points[1, i] = triangles[face, 0, 1] + u * triangles[face, 1, 1] + v * triangles[face, 2, 1]
+        points[2, i] = triangles[face, 0, 2] + u * triangles[face, 1, 2] + v * triangles[face, 2, 2]
+
+
+@kernel
 def sample_surface(
     surface: Surface,
     shape: int,
@@ -135,25 +167,19 @@ def sample_surface(
     centre: Floats,
     out: NDArray[np.float32],
 ) -> None:
-    """Fill `out` (n, 3) with points drawn evenly from a posed shape: scale * m @ point - centre.
-
-    One counter block a point: a face by the alias table, then the square-root rule in the triangle
-    (Osada et al., "Shape distributions", ACM TOG 2002). Rounded to the cloud grid.
-    """
-    first = surface.face_start[shape]
-    count = np.uint64(surface.face_start[shape + 1] - first)
-    for i in range(len(out)):
-        a, b, c, d = words(key, pair, stream, i)
-        face = first + np.int64((a * count) >> np.uint64(32))
-        if b >= surface.keep[face]:
-            face = first + surface.other[face]
-        root = np.sqrt((np.float64(c) + 0.5) * _TO_UNIT)
-        v = root * ((np.float64(d) + 0.5) * _TO_UNIT)
-        u = root - v
-        t = surface.triangles[face]
-        px = t[0, 0] + u * t[1, 0] + v * t[2, 0]
-        py = t[0, 1] + u * t[1, 1] + v * t[2, 1]
-        pz = t[0, 2] + u * t[1, 2] + v * t[2, 2]
-        for axis in range(3):
-            turned = m[axis, 0] * px + m[axis, 1] * py + m[axis, 2] * pz
-            out[i, axis] = np.rint((scale * turned - centre[axis]) * _CLOUD) / _CLOUD
+    """Fill `out` (n, 3) with points drawn evenly from a posed shape: scale * m @ point - centre, on the cloud grid."""
+    drawn = np.zeros((4, BLOCK), np.uint32)
+    points = np.zeros((3, BLOCK))
+    xx, xy, xz = scale * m[0, 0], scale * m[0, 1], scale * m[0, 2]
+    yx, yy, yz = scale * m[1, 0], scale * m[1, 1], scale * m[1, 2]
+    zx, zy, zz = scale * m[2, 0], scale * m[2, 1], scale * m[2, 2]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    for start in range(0, len(out), BLOCK):
+        block_words(key, pair, stream, start, drawn)
+        _points_of_shape(surface, shape, drawn, points)
+        for i in range(BLOCK):
+            x, y, z = points[0, i], points[1, i], points[2, i]
+            points[0, i] = xx * x + xy * y + xz * z - cx
+            points[1, i] = yx * x + yy * y + yz * z - cy
+            points[2, i] = zx * x + zy * y + zz * z - cz
+        round_cloud(points, out[start : start + BLOCK])

@@ -28,16 +28,15 @@ from eigenbench.generators.pairs import (
     measure_along,
     name_pair,
     on_wall_grid,
-    put,
     quaternion,
     settle,
     size_object,
     spread,
-    to_unit,
+    store,
     turn_object,
     turn_scene,
 )
-from eigenbench.generators.philox import ENV_SURFACE, Key, words
+from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 
 SECTION = (0.1, 1.2)
@@ -126,21 +125,29 @@ def placements(key: Key, pair: int, law: Law, tables: tuple[Surface], rows: Rows
 
 
 @kernel
+def on_walls(drawn: WordBlock, sizes: Floats, points: Floats) -> None:
+    """Fill points (3, BLOCK) drawn evenly from the four walls."""
+    length, width, height = sizes[0], sizes[1], sizes[2]
+    side = height / (width + height)
+    for i in range(BLOCK):
+        upright = unit(drawn[0, i]) < side
+        sign = 0.5 if drawn[3, i] & np.uint32(1) else -0.5
+        across = unit(drawn[2, i]) - 0.5
+        points[0, i] = (unit(drawn[1, i]) - 0.5) * length
+        points[1, i] = sign * width if upright else across * width
+        points[2, i] = across * height if upright else sign * height
+
+
+@kernel
 def sample(key: Key, first: int, rows: Rows, env_points: Floats32) -> None:
-    """Fill the clouds (n, m, 3) with points drawn evenly from the four walls, which have no thickness."""
-    for row in range(len(rows.label)):
-        length, width, height = rows.sizes[row, 0], rows.sizes[row, 1], rows.sizes[row, 2]
-        side = height / (width + height)
+    """Fill the clouds (n, m, 3) with points drawn evenly from the four walls, which has no thickness."""
+    drawn, points = np.zeros((4, BLOCK), np.uint32), np.zeros((3, BLOCK))
+    for row in range(len(env_points)):
         m = matrix_of(quaternion(rows.env_rotation[row]))
-        for i in range(env_points.shape[1]):
-            a, b, c, d = words(key, first + row, ENV_SURFACE, i)
-            sign = 0.5 if d & np.uint64(1) else -0.5
-            x = (to_unit(b) - 0.5) * length
-            across = to_unit(c) - 0.5
-            if to_unit(a) < side:
-                put(m, x, sign * width, across * height, env_points[row, i])
-            else:
-                put(m, x, across * width, sign * height, env_points[row, i])
+        for start in range(0, env_points.shape[1], BLOCK):
+            block_words(key, first + row, ENV_SURFACE, start, drawn)
+            on_walls(drawn, rows.sizes[row], points)
+            store(m, points, env_points[row, start : start + BLOCK])
 
 
 def reference(pair: Pair) -> Sweep:

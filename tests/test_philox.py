@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eigenbench.generators.philox import block, exponential, key_of, uniform, unit_quaternion
+from eigenbench.generators.philox import (
+    BLOCK,
+    block,
+    block_words,
+    exponential,
+    key_of,
+    uniform,
+    unit,
+    unit_quaternion,
+    words,
+)
 from eigenbench.generators.surface import matrix_of
 from eigenbench.records import Recipe
 
@@ -26,6 +36,25 @@ from eigenbench.records import Recipe
 def test_philox_known_answers(counter, key, expected):
     """Philox4x32-10 gives the known answers published with Random123."""
     assert " ".join(f"{int(w):08x}" for w in block(*key, *counter)) == expected
+
+
+@pytest.mark.parametrize(
+    ("pair", "stream", "first", "count"),
+    [(0, 0, 0, BLOCK), (74_999, 3, 768, BLOCK), (2**40 + 5, 4, 5, 1), (7, 5, 2**32 - 20, 13), (7, 4, 0, 0)],
+)
+def test_block_words_are_the_words_one_by_one(pair, stream, first, count):
+    """A block holds the very words that are drawn singly, wherever it starts and however long it is."""
+    key = (0xFFFFFFFF, 0x12345678)
+    out = np.zeros((4, count), np.uint32)
+    block_words(key, pair, stream, first, out)
+    expected = [words(key, pair, stream, first + i) for i in range(count)]
+    assert np.array_equal(out.T, np.array(expected, dtype=np.uint32).reshape(count, 4))
+
+
+def test_unit_is_strictly_inside_and_symmetric():
+    """The least and the greatest word lie half a cell from 0 and 1."""
+    assert unit(np.uint32(0)) == 2.0**-33
+    assert unit(np.uint32(2**32 - 1)) == 1 - 2.0**-33
 
 
 def test_uniform_is_uniform():
