@@ -23,6 +23,34 @@ def largest_rectangle(polygon: Points) -> tuple[Points, Points]:
     return low + size * found[:2], low + size * found[2:]
 
 
+def rectangles_at_corners(polygon: Points) -> Points:
+    """Return (k, 4) rectangles inside a simple (n, 2) polygon as rows low x, low y, high x, high y.
+
+    All those with left and right side at the x of corners, each as high as the polygon allows.
+    """
+    ends = np.roll(polygon, -1, axis=0)
+    real = np.any(polygon != ends, axis=1)
+    return _rectangles_at_corners(polygon[real], ends[real], np.unique(polygon[:, 0]))
+
+
+@kernel
+def _rectangles_at_corners(starts: Points, ends: Points, stops: Points) -> Points:
+    found, count = np.zeros((16, 4)), 0
+    for i in range(len(stops)):
+        for j in range(i + 1, len(stops)):
+            gaps, _ = _free_gaps(stops[i], stops[j], starts, ends)
+            for g in range(len(gaps)):
+                if count == len(found):
+                    more = np.zeros((2 * count, 4))
+                    for k in range(count):
+                        more[k, 0], more[k, 1], more[k, 2], more[k, 3] = found[k]
+                    found = more
+                found[count, 0], found[count, 1] = stops[i], gaps[g, 0]
+                found[count, 2], found[count, 3] = stops[j], gaps[g, 1]
+                count += 1
+    return found[:count]
+
+
 @kernel
 def _free_gaps(left: float, right: float, starts: Points, ends: Points) -> tuple[Points, NDArray[np.int64]]:
     """Return the (g, 2) free intervals of y over all of left < x < right, and the edges (g, 2) that end them."""
@@ -137,21 +165,6 @@ def _smooth_bound(
 
 
 @kernel
-def _rectangle_at_corners(starts: Points, ends: Points, stops: Points) -> tuple[Points, float]:
-    """Return the largest rectangle whose left and right sides are at corners, and its area."""
-    best, best_area = np.zeros(4), 0.0
-    for i in range(len(stops)):
-        for j in range(i + 1, len(stops)):
-            gaps, _ = _free_gaps(stops[i], stops[j], starts, ends)
-            for g in range(len(gaps)):
-                area = (stops[j] - stops[i]) * (gaps[g, 1] - gaps[g, 0])
-                if area > best_area:
-                    best_area = area
-                    best[0], best[1], best[2], best[3] = stops[i], gaps[g, 0], stops[j], gaps[g, 1]
-    return best, best_area
-
-
-@kernel
 def _cells(stops: Points) -> Points:
     """Return all (left from, to, right from, to) between neighbouring corners."""
     n = len(stops)
@@ -166,7 +179,12 @@ def _cells(stops: Points) -> Points:
 
 @kernel
 def _rectangle(starts: Points, ends: Points, stops: Points) -> Points:
-    best, best_area = _rectangle_at_corners(starts, ends, stops)
+    best, best_area = np.zeros(4), 0.0
+    at_corners = _rectangles_at_corners(starts, ends, stops)
+    for k in range(len(at_corners)):
+        area = (at_corners[k, 2] - at_corners[k, 0]) * (at_corners[k, 3] - at_corners[k, 1])
+        if area > best_area:
+            best_area, best = area, at_corners[k]
     slanted = np.any((starts[:, 0] != ends[:, 0]) & (starts[:, 1] != ends[:, 1]))
     cells = _cells(stops) if slanted else np.zeros((0, 4))
     while len(cells) > 0:
