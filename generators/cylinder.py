@@ -8,7 +8,7 @@ import numpy as np
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
-from eigenbench.generators.outlines import enclosing_circle
+from eigenbench.generators.circles import enclosing_circle
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -65,9 +65,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Ro
     box = box_of(hull)
     z = box[1, 2] - box[0, 2]
     _x, _y, radius = enclosing_circle(hull, len(hull))
-    size = size_object(
-        key, pair, attempt, law, min(sizes[0] / radius, sizes[1] / z), OBJECT[0], _LOG_OBJECT, rows, row
-    )
+    size = size_object(key, pair, attempt, law, min(sizes[0] / radius, sizes[1] / z), OBJECT[0], _LOG_OBJECT, rows, row)
     measure_round(rows, row, 0, sizes[0], size * radius)
     measure_along(rows, row, 1, 2, -0.5 * sizes[1], 0.5 * sizes[1], size * z)
     return decide_by_lengths(rows, row, 2, max(2.0 * sizes[0], sizes[1]))

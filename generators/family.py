@@ -123,12 +123,12 @@ def objects_only(stock: Stock) -> Tables:
 def hull_faces(pair: Pair) -> NDArray[np.int64]:
     """Return the triangles (f, 3) of an object's hull, as indices of its hull vertices."""
     assert pair.stock.objects is not None
-    return _hull_faces(pair.stock.objects.path, pair.obj_index, pair.stock.objects.hull)
+    return _hull_faces(pair.stock.objects, pair.obj_index)
 
 
 @lru_cache(maxsize=2048)
-def _hull_faces(_library: Path, shape: int, hull: Callable[[int], Points]) -> NDArray[np.int64]:
-    return np.asarray(ConvexHull(hull(shape)).simplices, dtype=np.int64)
+def _hull_faces(library: Library, shape: int) -> NDArray[np.int64]:
+    return np.asarray(ConvexHull(library.hull(shape)).simplices, dtype=np.int64)
 
 
 def middle(points: Points) -> Points:

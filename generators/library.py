@@ -34,7 +34,7 @@ FLAT = 1e-6
 _NAME_BYTES, _CATEGORY_BYTES = 96, 32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Library:
     """The shapes of one role and split, each centred in its smallest enclosing ball, of diameter 1.
 
