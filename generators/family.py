@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from eigenbench.errors import UsageError
-from eigenbench.generators.fcl_engine import Sweep
+from eigenbench.generators.fcl_engine import Model, Sweep, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import Law, Rows
 from eigenbench.generators.philox import Key
@@ -41,8 +41,17 @@ class Stock:
     def of(self, role: str) -> Library:
         """Return the shapes of a role."""
         library = self.objects if role == self.task.object else self.environments
-        assert library is not None
+        if library is None:
+            msg = f"task {self.task.name} draws no {role} from shapes"
+            raise ValueError(msg)
         return library
+
+    def both(self) -> tuple[Library, Library]:
+        """Return objects and environments, of a task that draws both from shapes."""
+        if self.objects is None or self.environments is None:
+            msg = f"task {self.task.name} does not draw both sides from shapes"
+            raise ValueError(msg)
+        return self.objects, self.environments
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -96,8 +105,10 @@ class Pair:
     @property
     def env_size(self) -> float:
         """Diameter of a library environment's enclosing ball, m."""
-        assert self.stock.environments is not None
-        return float(self.of("env_scale")) * unit_diameter(self.stock.environments, self.env_index)
+        library = self.stock.environments
+        if library is None:
+            return 1.0
+        return float(self.of("env_scale")) * (float(library.diameters[self.env_index]) if library.metric else 1.0)
 
     def posed(self) -> Posed:
         """Pose the pair."""
@@ -116,14 +127,12 @@ class Pair:
 
 def objects_only(stock: Stock) -> Tables:
     """Return the tables of a task whose environments are drawn afresh: the packed objects."""
-    assert stock.objects is not None
-    return (stock.objects.surface,)
+    return (stock.of("object").surface,)
 
 
 def hull_faces(pair: Pair) -> NDArray[np.int64]:
     """Return the triangles (f, 3) of an object's hull, as indices of its hull vertices."""
-    assert pair.stock.objects is not None
-    return _hull_faces(pair.stock.objects, pair.obj_index)
+    return _hull_faces(pair.stock.of("object"), pair.obj_index)
 
 
 @lru_cache(maxsize=2048)
@@ -131,14 +140,19 @@ def _hull_faces(library: Library, shape: int) -> NDArray[np.int64]:
     return np.asarray(ConvexHull(library.hull(shape)).simplices, dtype=np.int64)
 
 
+def object_model(pair: Pair) -> Model:
+    """Return the tree over an object's whole mesh, in its rest frame at size 1."""
+    return _object_model(pair.stock.of("object"), pair.obj_index)
+
+
+@lru_cache(maxsize=64)
+def _object_model(library: Library, shape: int) -> Model:
+    return soup_model(library.triangles(shape))
+
+
 def middle(points: Points) -> Points:
     """Return the middle (3,) of the box of points (n, 3)."""
     return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
-
-
-def unit_diameter(library: Library, shape: int) -> float:
-    """Return the diameter of an environment shape at scale 1, m: its own where it is in metres, else 1 m."""
-    return float(library.diameters[shape]) if library.metric else 1.0
 
 
 @dataclass(frozen=True, slots=True)
