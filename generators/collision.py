@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.contacts import SLABS, Floats, Integers, contact, cross, dot, new_slabs, reach
-from eigenbench.generators.trees import Trees
+from eigenbench.generators.contacts import SLABS, Floats, Vector, contact, cross, dot, edges, new_slabs, reach
+from eigenbench.generators.trees import Indices, Integers, Trees
 
-HINTS = 64
+HINTS = 256
 """Contacts remembered within a pair."""
 _PAD = 1e-12
 """Boxes are grown by this, for the rounding of their tests; the object's size is 1."""
@@ -45,11 +45,10 @@ class Sweep(NamedTuple):
     Attributes
     ----------
     faces : (F, 3, 3) a corner and two edges
-    boxes, skip, first, count, order : the object's tree, see `Trees`
+    boxes, links, order : the object's tree, see `Trees`
     obstacles : (k, 3, 3) a corner and two edges
-    bounds : (k, 6) centre and half-extents of each obstacle's box
-    prisms : (k, 4, 8) of its plane and of the planes through its edges, across it: unit axis (3), the same without
-        signs (3), centre and half-width along it
+    sides : (k, 5, 8) of each obstacle: centre (3) and half-extents (3) of its box; then, for its plane and the three
+        planes through its edges across it, the unit axis (3), the same without signs (3), centre and half-width
     queue : (k,) the order in which obstacles are tried, the successful ones first
     inverse : (3, 3) object_from_scene
     hints : contacts known so far
@@ -57,13 +56,10 @@ class Sweep(NamedTuple):
 
     faces: Floats
     boxes: NDArray[np.float32]
-    skip: NDArray[np.int32]
-    first: NDArray[np.int32]
-    count: NDArray[np.int8]
-    order: NDArray[np.int32]
+    links: Indices
+    order: Indices
     obstacles: Floats
-    bounds: Floats
-    prisms: Floats
+    sides: Floats
     queue: Integers
     inverse: Floats
     hints: Hints
@@ -97,24 +93,21 @@ def sweep_of(
     for i in range(3):
         for j in range(3):
             inverse[i, j] = pose[j, i] / square
-    moved, bounds, prisms = np.zeros((k, 3, 3)), np.zeros((k, 6)), np.zeros((k, 4, 8))
+    moved, sides = np.zeros((k, 3, 3)), np.zeros((k, 5, 8))
     for b in range(k):
         for row in range(3):
             x, y, z = obstacles[b, row, 0], obstacles[b, row, 1], obstacles[b, row, 2]
             for axis in range(3):
                 moved[b, row, axis] = inverse[axis, 0] * x + inverse[axis, 1] * y + inverse[axis, 2] * z
-        _bound(moved[b], bounds[b], prisms[b])
+        _bound(moved, b, sides)
     hints.count[0] = 0
     return Sweep(
         triangles[start:end],
         trees.boxes[node:last],
-        trees.skip[node:last],
-        trees.first[node:last],
-        trees.count[node:last],
+        trees.links[node:last],
         trees.order[start:end],
         moved,
-        bounds,
-        prisms,
+        sides,
         np.arange(k),
         inverse,
         hints,
@@ -122,30 +115,23 @@ def sweep_of(
 
 
 @kernel
-def _bound(t: Floats, box: Floats, prism: Floats) -> None:
-    """Write an obstacle's box, its plane, and the planes through its edges across it."""
+def _bound(t: Floats, b: int, sides: Floats) -> None:
+    """Write obstacle b's box, its plane, and the planes through its edges across it."""
     for axis in range(3):
-        corner = t[0, axis]
-        low, high = corner + min(0.0, t[1, axis], t[2, axis]), corner + max(0.0, t[1, axis], t[2, axis])
-        box[axis], box[3 + axis] = (low + high) / 2.0, (high - low) / 2.0 + _PAD
-    e, f = (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+        low = t[b, 0, axis] + min(0.0, t[b, 1, axis], t[b, 2, axis])
+        high = t[b, 0, axis] + max(0.0, t[b, 1, axis], t[b, 2, axis])
+        sides[b, 0, axis], sides[b, 0, 3 + axis] = (low + high) / 2.0, (high - low) / 2.0 + _PAD
+    e, f, g = edges(t, b)
     normal = cross(e, f)
-    _bound_along(normal, t, prism[0])
-    _bound_along(cross(normal, e), t, prism[1])
-    _bound_along(cross(normal, f), t, prism[2])
-    _bound_along(cross(normal, (f[0] - e[0], f[1] - e[1], f[2] - e[2])), t, prism[3])
-
-
-@kernel
-def _bound_along(axis: tuple[float, float, float], t: Floats, row: Floats) -> None:
-    """Write an axis, made a unit vector, and a triangle's centre and half-width along it."""
-    length = np.sqrt(dot(axis, axis))
-    if length > 0.0:
-        axis = (axis[0] / length, axis[1] / length, axis[2] / length)
-    low, high = reach(axis, t)
-    for k in range(3):
-        row[k], row[3 + k] = axis[k], abs(axis[k])
-    row[6], row[7] = (low + high) / 2.0, (high - low) / 2.0 + _PAD
+    side = 1
+    for axis in (normal, cross(normal, e), cross(normal, f), cross(normal, g)):
+        length = np.sqrt(dot(axis, axis))
+        scale = 1.0 / length if length > 0.0 else 0.0
+        low, high = reach(axis, t, b)
+        for k in range(3):
+            sides[b, side, k], sides[b, side, 3 + k] = scale * axis[k], abs(scale * axis[k])
+        sides[b, side, 6], sides[b, side, 7] = scale * (low + high) / 2.0, scale * (high - low) / 2.0 + _PAD
+        side += 1
 
 
 @kernel
@@ -154,8 +140,10 @@ def first_free(sweep: Sweep, translations: Floats) -> int:
 
     Translations are of the object's origin, scene frame.
     """
+    inverse, polytopes, order, count = sweep.inverse, sweep.hints.polytopes, sweep.hints.order, sweep.hints.count
     for i in range(len(translations)):
-        if not touches(sweep, translations[i, 0], translations[i, 1], translations[i, 2]):
+        u = _moved(inverse, translations[i, 0], translations[i, 1], translations[i, 2])
+        if not (_known(polytopes, order, count[0], u) or _search(sweep, u)):
             return i
     return -1
 
@@ -163,45 +151,57 @@ def first_free(sweep: Sweep, translations: Floats) -> int:
 @kernel
 def touches(sweep: Sweep, x: float, y: float, z: float) -> bool:
     """Say whether the object, its origin at (x, y, z) in the scene frame, touches an obstacle."""
-    m = sweep.inverse
-    u = (
+    u = _moved(sweep.inverse, x, y, z)
+    hints = sweep.hints
+    return _known(hints.polytopes, hints.order, hints.count[0], u) or _search(sweep, u)
+
+
+@kernel
+def _moved(m: Floats, x: float, y: float, z: float) -> Vector:
+    return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
         m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
         m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
     )
-    if _known(sweep.hints, u):
-        return True
-    for place in range(len(sweep.queue)):
-        obstacle = sweep.queue[place]
-        found = _meets(sweep, obstacle, u)
+
+
+@kernel
+def _search(sweep: Sweep, u: Vector) -> bool:
+    """Look for a contact at u, and remember it."""
+    # Records of arrays are slow to hand on: every call counts references to each of them.
+    boxes, links, faces, order = sweep.boxes, sweep.links, sweep.faces, sweep.order
+    obstacles, sides, queue, slabs = sweep.obstacles, sweep.sides, sweep.queue, sweep.hints.scratch
+    for place in range(len(queue)):
+        obstacle = queue[place]
+        if _misses(boxes, 0, sides, obstacle, u):
+            continue
+        found = _meets(boxes, links, faces, order, obstacles, sides, obstacle, u, slabs)
         if found > 0:
             if found == 1:
                 _remember(sweep.hints)
-            if place > 0:
-                sweep.queue[place] = sweep.queue[place - 1]
-                sweep.queue[place - 1] = obstacle
+            queue[place], queue[place // 2] = queue[place // 2], obstacle
             return True
     return False
 
 
 @kernel
-def _known(hints: Hints, u: tuple[float, float, float]) -> bool:
+def _known(polytopes: Floats, order: Integers, count: int, u: Vector) -> bool:
     """Say whether a known contact holds at u, and try it earlier the next time."""
-    for place in range(hints.count[0]):
-        number = hints.order[place]
-        if _within(hints.polytopes[number], u):
+    for place in range(count):
+        number = order[place]
+        if _within(polytopes, number, u):
             if place > 0:
-                hints.order[place] = hints.order[place - 1]
-                hints.order[place - 1] = number
+                order[place] = order[place - 1]
+                order[place - 1] = number
             return True
     return False
 
 
 @kernel
-def _within(polytope: Floats, u: tuple[float, float, float]) -> bool:
+def _within(polytopes: Floats, number: int, u: Vector) -> bool:
     for k in range(SLABS):
-        value = polytope[k, 0] * u[0] + polytope[k, 1] * u[1] + polytope[k, 2] * u[2]
-        if not polytope[k, 3] <= value <= polytope[k, 4]:
+        value = polytopes[number, k, 0] * u[0] + polytopes[number, k, 1] * u[1] + polytopes[number, k, 2] * u[2]
+        if not polytopes[number, k, 3] <= value <= polytopes[number, k, 4]:
             return False
     return True
 
@@ -218,16 +218,26 @@ def _remember(hints: Hints) -> None:
 
 
 @kernel
-def _meets(sweep: Sweep, obstacle: int, u: tuple[float, float, float]) -> int:
+def _meets(
+    boxes: NDArray[np.float32],
+    links: Indices,
+    faces: Floats,
+    order: Indices,
+    obstacles: Floats,
+    sides: Floats,
+    obstacle: int,
+    u: Vector,
+    slabs: Floats,
+) -> int:
     """Return what `contact` says of the first face of the object, moved by u, that touches an obstacle; 0 if none."""
-    target, box, prism = sweep.obstacles[obstacle], sweep.bounds[obstacle], sweep.prisms[obstacle]
-    node, nodes = 0, len(sweep.skip)
+    node, nodes = 0, len(links)
     while node < nodes:
-        if _misses(sweep.boxes[node], box, prism, u):
-            node = sweep.skip[node]
+        if _misses(boxes, node, sides, obstacle, u):
+            node = links[node, 0]
             continue
-        for i in range(sweep.first[node], sweep.first[node] + sweep.count[node]):
-            found = contact(sweep.faces[sweep.order[i]], target, u, sweep.hints.scratch)
+        first = links[node, 1]
+        for i in range(first, first + links[node, 2]):
+            found = contact(faces, order[i], obstacles, obstacle, u, slabs)
             if found > 0:
                 return found
         node += 1
@@ -235,15 +245,19 @@ def _meets(sweep: Sweep, obstacle: int, u: tuple[float, float, float]) -> int:
 
 
 @kernel
-def _misses(node: NDArray[np.float32], box: Floats, prism: Floats, u: tuple[float, float, float]) -> bool:
-    """Say whether a node's box, moved by u, lies beyond a side of an obstacle's box or of its prism."""
-    x, y, z = node[0] + u[0], node[1] + u[1], node[2] + u[2]
-    hx, hy, hz = np.float64(node[3]), np.float64(node[4]), np.float64(node[5])
-    if abs(x - box[0]) > hx + box[3] or abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
+def _misses(boxes: NDArray[np.float32], node: int, sides: Floats, b: int, u: Vector) -> bool:
+    """Say whether a node's box, moved by u, lies beyond a side of obstacle b's box or of its prism."""
+    x, y, z = boxes[node, 0] + u[0], boxes[node, 1] + u[1], boxes[node, 2] + u[2]
+    hx, hy, hz = np.float64(boxes[node, 3]), np.float64(boxes[node, 4]), np.float64(boxes[node, 5])
+    if (
+        abs(x - sides[b, 0, 0]) > hx + sides[b, 0, 3]
+        or abs(y - sides[b, 0, 1]) > hy + sides[b, 0, 4]
+        or abs(z - sides[b, 0, 2]) > hz + sides[b, 0, 5]
+    ):
         return True
-    for k in range(4):
-        at = prism[k, 0] * x + prism[k, 1] * y + prism[k, 2] * z - prism[k, 6]
-        if abs(at) > prism[k, 7] + prism[k, 3] * hx + prism[k, 4] * hy + prism[k, 5] * hz:
+    for k in range(1, 5):
+        at = sides[b, k, 0] * x + sides[b, k, 1] * y + sides[b, k, 2] * z - sides[b, k, 6]
+        if abs(at) > sides[b, k, 7] + sides[b, k, 3] * hx + sides[b, k, 4] * hy + sides[b, k, 5] * hz:
             return True
     return False
 
@@ -262,17 +276,16 @@ def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) 
     tolerance : in the same unit
     """
     found, count = np.zeros(len(triangles), dtype=np.int64), 0
-    half = np.zeros(3)
-    row = np.zeros((3, 3))
+    centred, half = np.zeros((1, 3, 3)), np.zeros(3)
     for axis in range(3):
         half[axis] = (high[axis] - low[axis]) / 2.0 - tolerance
         if half[axis] <= 0.0:
             return found[:0]
     for f in range(len(triangles)):
         for axis in range(3):
-            row[0, axis] = triangles[f, 0, axis] - (low[axis] + high[axis]) / 2.0
-            row[1, axis], row[2, axis] = triangles[f, 1, axis], triangles[f, 2, axis]
-        if _enters(row, half):
+            centred[0, 0, axis] = triangles[f, 0, axis] - (low[axis] + high[axis]) / 2.0
+            centred[0, 1, axis], centred[0, 2, axis] = triangles[f, 1, axis], triangles[f, 2, axis]
+        if _enters(centred, half):
             found[count] = f
             count += 1
     return found[:count].copy()
@@ -280,30 +293,23 @@ def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) 
 
 @kernel
 def _enters(t: Floats, half: Floats) -> bool:
-    """Say whether a triangle meets the open box of the given half-extents about the origin."""
-    for axis in range(3):
-        corner = t[0, axis]
-        if corner + min(0.0, t[1, axis], t[2, axis]) >= half[axis] or (
-            corner + max(0.0, t[1, axis], t[2, axis]) <= -half[axis]
-        ):
+    """Say whether triangle t[0] meets the open box of the given half-extents about the origin."""
+    for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        if not _overlaps(axis, t, half):
             return False
-    e, f = (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+    e, f, g = edges(t, 0)
     if not _overlaps(cross(e, f), t, half):
         return False
-    g = (f[0] - e[0], f[1] - e[1], f[2] - e[2])
     for edge in (e, f, g):
-        if not (
-            _overlaps((0.0, edge[2], -edge[1]), t, half)
-            and _overlaps((-edge[2], 0.0, edge[0]), t, half)
-            and _overlaps((edge[1], -edge[0], 0.0), t, half)
-        ):
-            return False
+        for axis in ((0.0, edge[2], -edge[1]), (-edge[2], 0.0, edge[0]), (edge[1], -edge[0], 0.0)):
+            if not _overlaps(axis, t, half):
+                return False
     return True
 
 
 @kernel
-def _overlaps(axis: tuple[float, float, float], t: Floats, half: Floats) -> bool:
-    """Say whether along an axis a triangle meets the open box; a zero axis tells nothing."""
+def _overlaps(axis: Vector, t: Floats, half: Floats) -> bool:
+    """Say whether along an axis triangle t[0] meets the open box; a zero axis tells nothing."""
     radius = abs(axis[0]) * half[0] + abs(axis[1]) * half[1] + abs(axis[2]) * half[2]
-    low, high = reach(axis, t)
+    low, high = reach(axis, t, 0)
     return radius == 0.0 or (low < radius and high > -radius)

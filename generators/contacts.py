@@ -4,6 +4,8 @@ Triangle A moved by u touches triangle B exactly where u lies in the Minkowski d
 is what a set of slabs low <= axis . u <= high leaves, one for each direction in which it can have a face: the two
 normals, the nine cross products of edges, and for triangles in one plane the six normals of edges in it
 (Gottschalk, Lin, Manocha, "OBBTree", SIGGRAPH 1996). Triangles are closed: touching counts.
+
+Triangles are rows (3, 3) of a corner and the two edges that leave it, as in `Surface`.
 """
 
 import numpy as np
@@ -12,7 +14,6 @@ from numpy.typing import NDArray
 from eigenbench.generators.compiled import kernel
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Vector = tuple[float, float, float]
 Edges = tuple[Vector, Vector, Vector]
 
@@ -29,12 +30,12 @@ def new_slabs() -> Floats:
 
 
 @kernel
-def contact(a: Floats, b: Floats, u: Vector, slabs: Floats) -> int:
-    """Say whether triangle A moved by u touches triangle B.
+def contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats) -> int:
+    """Say whether triangle A = a[i] moved by u touches triangle B = b[j].
 
     Parameters
     ----------
-    a, b : (3, 3) a corner and the two edges that leave it
+    a, b : (n, 3, 3) triangles
     u : translation of A
     slabs : from `new_slabs`; written up to the first slab that u lies outside of
 
@@ -43,49 +44,50 @@ def contact(a: Floats, b: Floats, u: Vector, slabs: Floats) -> int:
     touching : 0 if not; 1 if so, and the first `SLABS` rows are those of B - A; 2 if so, but A or B is a segment or
         a point, and the rows hold for this u alone
     """
-    ea, eb = _edges(a), _edges(b)
+    ea, eb = edges(a, i), edges(b, j)
     na, nb = cross(ea[0], ea[1]), cross(eb[0], eb[1])
-    if not (_slab(nb, a, b, u, slabs[0]) and _slab(na, a, b, u, slabs[1])):
+    if not (_slab(nb, a, i, b, j, u, slabs, 0) and _slab(na, a, i, b, j, u, slabs, 1)):
         return 0
     row = 2
-    for j in range(3):
-        if not _slab(cross(nb, eb[j]), a, b, u, slabs[row]):
+    for k in range(3):
+        if not _slab(cross(nb, eb[k]), a, i, b, j, u, slabs, row):
             return 0
         row += 1
-    for i in range(3):
-        for j in range(3):
-            if not _slab(cross(ea[i], eb[j]), a, b, u, slabs[row]):
+    for k in range(3):
+        for m in range(3):
+            if not _slab(cross(ea[k], eb[m]), a, i, b, j, u, slabs, row):
                 return 0
             row += 1
-    for i in range(3):
-        if not _slab(cross(na, ea[i]), a, b, u, slabs[row]):
+    for k in range(3):
+        if not _slab(cross(na, ea[k]), a, i, b, j, u, slabs, row):
             return 0
         row += 1
     if dot(na, na) > 0.0 and dot(nb, nb) > 0.0:
         return 1
-    return 2 if _flat_contact(a, b, u, slabs[SLABS:]) else 0
+    return 2 if _flat_contact(a, i, b, j, u, slabs) else 0
 
 
 @kernel
-def _flat_contact(a: Floats, b: Floats, u: Vector, slabs: Floats) -> bool:
+def _flat_contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats) -> bool:
     """Look at the slabs that matter only where A or B is a segment or a point."""
-    ea, eb = _edges(a), _edges(b)
+    ea, eb = edges(a, i), edges(b, j)
     na, nb = cross(ea[0], ea[1]), cross(eb[0], eb[1])
-    for i in range(3):
-        if not (_slab(cross(nb, ea[i]), a, b, u, slabs[i]) and _slab(cross(na, eb[i]), a, b, u, slabs[3 + i])):
-            return False
+    row = SLABS
+    for k in range(3):
+        for axis in (cross(nb, ea[k]), cross(na, eb[k])):
+            if not _slab(axis, a, i, b, j, u, slabs, row):
+                return False
+            row += 1
     e, f = _longest(ea), _longest(eb)
-    m = cross(e, f)
+    normal = cross(e, f)
     along = e if dot(e, e) > 0.0 else f
-    offset = (b[0, 0] - a[0, 0] - u[0], b[0, 1] - a[0, 1] - u[1], b[0, 2] - a[0, 2] - u[2])
+    offset = (b[j, 0, 0] - a[i, 0, 0] - u[0], b[j, 0, 1] - a[i, 0, 1] - u[1], b[j, 0, 2] - a[i, 0, 2] - u[2])
     across = cross(cross(along, offset), along)
-    return (
-        _slab(cross(m, e), a, b, u, slabs[6])
-        and _slab(cross(m, f), a, b, u, slabs[7])
-        and _slab(along, a, b, u, slabs[8])
-        and _slab(across, a, b, u, slabs[9])
-        and _slab(offset, a, b, u, slabs[10])
-    )
+    for axis in (cross(normal, e), cross(normal, f), along, across, offset):
+        if not _slab(axis, a, i, b, j, u, slabs, row):
+            return False
+        row += 1
+    return True
 
 
 @kernel
@@ -101,13 +103,10 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @kernel
-def _edges(t: Floats) -> Edges:
-    """Return the three edges of a row of a corner and two edges."""
-    return (
-        (t[1, 0], t[1, 1], t[1, 2]),
-        (t[2, 0], t[2, 1], t[2, 2]),
-        (t[2, 0] - t[1, 0], t[2, 1] - t[1, 1], t[2, 2] - t[1, 2]),
-    )
+def edges(t: Floats, i: int) -> Edges:
+    """Return the three edges of triangle t[i]: both that leave its corner, and the one across."""
+    e, f = (t[i, 1, 0], t[i, 1, 1], t[i, 1, 2]), (t[i, 2, 0], t[i, 2, 1], t[i, 2, 2])
+    return e, f, (f[0] - e[0], f[1] - e[1], f[2] - e[2])
 
 
 @kernel
@@ -120,19 +119,19 @@ def _longest(edges: Edges) -> Vector:
 
 
 @kernel
-def reach(axis: Vector, t: Floats) -> tuple[float, float]:
-    """Return the least and the greatest axis . point over a triangle, a row of a corner and two edges."""
-    corner = axis[0] * t[0, 0] + axis[1] * t[0, 1] + axis[2] * t[0, 2]
-    first = axis[0] * t[1, 0] + axis[1] * t[1, 1] + axis[2] * t[1, 2]
-    second = axis[0] * t[2, 0] + axis[1] * t[2, 1] + axis[2] * t[2, 2]
+def reach(axis: Vector, t: Floats, i: int) -> tuple[float, float]:
+    """Return the least and the greatest axis . point over triangle t[i]."""
+    corner = axis[0] * t[i, 0, 0] + axis[1] * t[i, 0, 1] + axis[2] * t[i, 0, 2]
+    first = axis[0] * t[i, 1, 0] + axis[1] * t[i, 1, 1] + axis[2] * t[i, 1, 2]
+    second = axis[0] * t[i, 2, 0] + axis[1] * t[i, 2, 1] + axis[2] * t[i, 2, 2]
     return corner + min(0.0, first, second), corner + max(0.0, first, second)
 
 
 @kernel
-def _slab(axis: Vector, a: Floats, b: Floats, u: Vector, slab: Floats) -> bool:
+def _slab(axis: Vector, a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats, row: int) -> bool:
     """Write the slab of B - A along an axis and say whether u lies in it."""
-    low_a, high_a = reach(axis, a)
-    low_b, high_b = reach(axis, b)
-    slab[0], slab[1], slab[2] = axis
-    slab[3], slab[4] = low_b - high_a, high_b - low_a
-    return slab[3] <= dot(axis, u) <= slab[4]
+    low_a, high_a = reach(axis, a, i)
+    low_b, high_b = reach(axis, b, j)
+    low, high = low_b - high_a, high_b - low_a
+    slabs[row, 0], slabs[row, 1], slabs[row, 2], slabs[row, 3], slabs[row, 4] = axis[0], axis[1], axis[2], low, high
+    return low <= dot(axis, u) <= high

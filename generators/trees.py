@@ -27,17 +27,14 @@ class Trees(NamedTuple):
     Attributes
     ----------
     boxes : (N, 6) float32, centre and half-extents of each node's box, rounded outward
-    skip : (N,) int32, the node after a node's own branch, counted from the shape's first node
-    first : (N,) int32, where a leaf's faces begin in its shape's part of `order`
-    count : (N,) int8, faces of a leaf, at most `LEAF`; 0 for an inner node
+    links : (N, 3) int32: the node after a node's own branch, counted from the shape's first node; where its faces
+        begin in its shape's part of `order`; the number of a leaf's faces, at most `LEAF`, or 0 for an inner node
     order : (F,) int32, faces counted within their shape
     node_start : (K + 1,) int64, nodes of shape k are node_start[k]:node_start[k + 1]
     """
 
     boxes: NDArray[np.float32]
-    skip: Indices
-    first: Indices
-    count: NDArray[np.int8]
+    links: Indices
     order: Indices
     node_start: Integers
 
@@ -48,37 +45,27 @@ def build_trees(triangles: Floats, face_start: Integers) -> Trees:
     Faces are parted where the surface area heuristic is least, over bins of their boxes' centres along the three
     axes (Wald, "On fast construction of SAH-based bounding volume hierarchies", RT 2007).
     """
-    boxes, skip, first, count, order, node_start = _build(triangles, face_start)
+    boxes, links, order, node_start = _build(triangles, face_start)
     nodes = int(node_start[-1])
-    return Trees(boxes[:nodes].copy(), skip[:nodes].copy(), first[:nodes].copy(), count[:nodes].copy(), order, node_start)
+    return Trees(boxes[:nodes].copy(), links[:nodes].copy(), order, node_start)
 
 
 @kernel
-def _build(
-    triangles: Floats, face_start: Integers
-) -> tuple[NDArray[np.float32], Indices, Indices, NDArray[np.int8], Indices, Integers]:
+def _build(triangles: Floats, face_start: Integers) -> tuple[NDArray[np.float32], Indices, Indices, Integers]:
     faces = len(triangles)
     boxes = np.zeros((2 * faces, 6), dtype=np.float32)
-    skip, first = np.zeros(2 * faces, dtype=np.int32), np.zeros(2 * faces, dtype=np.int32)
-    count = np.zeros(2 * faces, dtype=np.int8)
+    links = np.zeros((2 * faces, 3), dtype=np.int32)
     order = np.zeros(faces, dtype=np.int32)
     node_start = np.zeros(len(face_start), dtype=np.int64)
     for shape in range(len(face_start) - 1):
         start, end, node = face_start[shape], face_start[shape + 1], node_start[shape]
-        used = _build_one(triangles[start:end], boxes[node:], skip[node:], first[node:], count[node:], order[start:end])
+        used = _build_one(triangles[start:end], boxes[node:], links[node:], order[start:end])
         node_start[shape + 1] = node + used
-    return boxes, skip, first, count, order, node_start
+    return boxes, links, order, node_start
 
 
 @kernel
-def _build_one(
-    triangles: Floats,
-    boxes: NDArray[np.float32],
-    skip: Indices,
-    first: Indices,
-    count: NDArray[np.int8],
-    order: Indices,
-) -> int:
+def _build_one(triangles: Floats, boxes: NDArray[np.float32], links: Indices, order: Indices) -> int:
     """Fill the rows of one shape's tree and return their number."""
     faces = len(triangles)
     spans = face_boxes(triangles)
@@ -91,9 +78,9 @@ def _build_one(
         depth -= 1
         begin, end = todo[depth, 0], todo[depth, 1]
         _enclose(spans, order, begin, end, boxes[node])
-        first[node] = begin
+        links[node, 1] = begin
         if end - begin <= LEAF:
-            count[node] = end - begin
+            links[node, 2] = end - begin
         else:
             middle = _part(spans, order, begin, end)
             todo[depth, 0], todo[depth, 1] = middle, end
@@ -101,7 +88,7 @@ def _build_one(
             depth += 2
         node += 1
     for n in range(node - 1, -1, -1):
-        skip[n] = n + 1 if count[n] > 0 else skip[skip[n + 1]]
+        links[n, 0] = n + 1 if links[n, 2] > 0 else links[links[n + 1, 0], 0]
     return node
 
 
