@@ -68,7 +68,7 @@ class Sweep(NamedTuple):
 @kernel
 def new_hints() -> Hints:
     """Return an empty record of contacts."""
-    return Hints(np.zeros((HINTS, SLABS, 5)), np.arange(HINTS), np.zeros(1, dtype=np.int64), new_slabs())
+    return Hints(np.zeros((HINTS, SLABS, 6)), np.arange(HINTS), np.zeros(1, dtype=np.int64), new_slabs())
 
 
 @kernel
@@ -208,13 +208,30 @@ def _within(polytopes: Floats, number: int, u: Vector) -> bool:
 
 @kernel
 def _remember(hints: Hints) -> None:
-    """Keep the polytope in `scratch`, in place of the least successful one if there is no room."""
+    """Keep the polytope in `scratch`, in place of the least successful one if there is no room.
+
+    Its slabs are ordered by width, since the narrow ones exclude most.
+    """
     place = min(hints.count[0], HINTS - 1)
     hints.count[0] = place + 1
     number = hints.order[place]
+    slabs, polytopes = hints.scratch, hints.polytopes
     for row in range(SLABS):
-        for k in range(5):
-            hints.polytopes[number, row, k] = hints.scratch[row, k]
+        width = _square_width(slabs[row, 0], slabs[row, 1], slabs[row, 2], slabs[row, 4] - slabs[row, 3])
+        slabs[row, 5] = width
+        at = row
+        while at > 0 and polytopes[number, at - 1, 5] > width:
+            for k in range(6):
+                polytopes[number, at, k] = polytopes[number, at - 1, k]
+            at -= 1
+        for k in range(6):
+            polytopes[number, at, k] = slabs[row, k]
+
+
+@kernel
+def _square_width(x: float, y: float, z: float, width: float) -> float:
+    square = x * x + y * y + z * z
+    return width * width / square if square > 0.0 else np.inf
 
 
 @kernel

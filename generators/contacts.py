@@ -26,7 +26,7 @@ _ROOM = SLABS + 11
 @kernel
 def new_slabs() -> Floats:
     """Return room for the slabs of one pair: rows of axis (3), low, high."""
-    return np.zeros((_ROOM, 5))
+    return np.zeros((_ROOM, 6))
 
 
 @kernel
