@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.contacts import SLABS, Floats, Vector, contact, cross, dot, edges, new_slabs, reach
+from eigenbench.generators.lattice import crossing, vote
 from eigenbench.generators.trees import Indices, Integers, Trees
 
 HINTS = 256
@@ -281,9 +282,10 @@ def _misses(boxes: NDArray[np.float32], node: int, sides: Floats, b: int, u: Vec
 
 @kernel
 def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) -> Integers:
-    """Return the indices of triangles that meet the open box shrunk by `tolerance` on every side.
+    """Return the indices of triangles that meet the open box shrunk by `tolerance` on every side, the largest first.
 
-    So walls and floors that coincide with the box's faces are left out. Separating axes (Akenine-Möller, "Fast
+    So walls and floors that coincide with the box's faces are left out. A sweep tries the triangles in this order:
+    the contacts of large ones hold for many candidates. Separating axes (Akenine-Möller, "Fast
     3D triangle-box overlap testing", JGT 2001); a triangle that only touches the open box does not meet it.
 
     Parameters
@@ -293,7 +295,7 @@ def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) 
     tolerance : in the same unit
     """
     found, count = np.zeros(len(triangles), dtype=np.int64), 0
-    centred, half = np.zeros((1, 3, 3)), np.zeros(3)
+    area, centred, half = np.zeros(len(triangles)), np.zeros((1, 3, 3)), np.zeros(3)
     for axis in range(3):
         half[axis] = (high[axis] - low[axis]) / 2.0 - tolerance
         if half[axis] <= 0.0:
@@ -303,9 +305,11 @@ def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) 
             centred[0, 0, axis] = triangles[f, 0, axis] - (low[axis] + high[axis]) / 2.0
             centred[0, 1, axis], centred[0, 2, axis] = triangles[f, 1, axis], triangles[f, 2, axis]
         if _enters(centred, half):
-            found[count] = f
+            e, g, _across = edges(centred, 0)
+            normal = cross(e, g)
+            found[count], area[count] = f, -dot(normal, normal)
             count += 1
-    return found[:count].copy()
+    return found[:count][np.argsort(area[:count], kind="mergesort")]
 
 
 @kernel
@@ -330,3 +334,36 @@ def _overlaps(axis: Vector, t: Floats, half: Floats) -> bool:
     radius = abs(axis[0]) * half[0] + abs(axis[1]) * half[1] + abs(axis[2]) * half[2]
     low, high = reach(axis, t, 0)
     return radius == 0.0 or (low < radius and high > -radius)
+
+
+@kernel
+def inside_solid(point: Floats, triangles: Floats) -> bool:
+    """Say whether a point (3,) off the surface lies in the solid that (F, 3, 3) triangles bound.
+
+    The rule is the one by which cavities are measured, see `lattice`: the lines through the point along x, y and z
+    vote by their signed crossings before and after it. For a closed surface all three agree, also where bodies
+    overlap; for an open or broken one the majority of those that agree with themselves decides.
+    """
+    before, after = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    corners, low, high = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for f in range(len(triangles)):
+        around = 0
+        for k in range(3):
+            corner, e1, e2 = triangles[f, 0, k], triangles[f, 1, k], triangles[f, 2, k]
+            low[k], high[k] = corner + min(0.0, e1, e2), corner + max(0.0, e1, e2)
+            corners[0, k], corners[1, k], corners[2, k] = corner, corner + e1, corner + e2
+            around += low[k] <= point[k] <= high[k]
+        if around < 2:
+            continue
+        for axis in range(3):
+            b, c = 1 if axis == 0 else 0, 1 if axis == 2 else 2
+            if low[b] <= point[b] <= high[b] and low[c] <= point[c] <= high[c]:
+                sign, at = crossing(corners, axis, b, c, point[b], point[c])
+                if at < point[axis]:
+                    before[axis] += sign
+                else:
+                    after[axis] += sign
+    votes = 0
+    for axis in range(3):
+        votes += vote(before[axis], after[axis])
+    return votes > 0
