@@ -115,7 +115,7 @@ def _side(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> f
 
 
 @kernel
-def _hit(t: Floats, axis: int, b: int, c: int, pb: float, pc: float) -> tuple[int, float]:
+def crossing(t: Floats, axis: int, b: int, c: int, pb: float, pc: float) -> tuple[int, float]:
     """Return (sign, coordinate) of the crossing of one triangle with a line, sign 0 for none."""
     s0 = _side(pb, pc, t[1, b], t[1, c], t[2, b], t[2, c])
     s1 = _side(pb, pc, t[2, b], t[2, c], t[0, b], t[0, c])
@@ -153,7 +153,7 @@ def _count(
         bounds[f, 0], bounds[f, 1], bounds[f, 2], bounds[f, 3] = b0, b1, c0, c1
         for i in range(b0, b1):
             for j in range(c0, c1):
-                if _hit(t, axis, b, c, origin[b] + i * step, origin[c] + j * step)[0] != 0:
+                if crossing(t, axis, b, c, origin[b] + i * step, origin[c] + j * step)[0] != 0:
                     found[i * nc + j] += 1
     return found, bounds
 
@@ -177,7 +177,7 @@ def _collect(
     for f in range(len(triangles)):
         for i in range(bounds[f, 0], bounds[f, 1]):
             for j in range(bounds[f, 2], bounds[f, 3]):
-                s, depth = _hit(triangles[f], axis, b, c, origin[b] + i * step, origin[c] + j * step)
+                s, depth = crossing(triangles[f], axis, b, c, origin[b] + i * step, origin[c] + j * step)
                 if s != 0:
                     line = i * nc + j
                     at[fill[line]] = depth
@@ -196,7 +196,7 @@ def _sort_lines(start: Integers, at: Floats, sign: NDArray[np.int8]) -> None:
 
 
 @kernel
-def _vote(before: int, after: int) -> int:
+def vote(before: int, after: int) -> int:
     """Return a line's vote on a point between two sums of signs: +1 solid, -1 free, 0 if they disagree."""
     if before != 0 and after != 0:
         return 1
@@ -223,7 +223,7 @@ def _look_along(
                     before += lines.sign[passed]
                     passed += 1
                 after = total - before
-                votes[k, i, j] += _vote(before, after)
+                votes[k, i, j] += vote(before, after)
                 if passed > first:
                     seen[k, i, j] |= behind_bit
                 if passed < last:
