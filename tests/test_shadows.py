@@ -99,7 +99,6 @@ def test_reflex_corners_within_the_hull_are_decided_as_regions_are():
             inside = shadow_inside(loop, hull, triangles, 1.0, 0.0, 0.0)
             assert agrees(inside, outside_area(loop, region))
             answers[inside] += not clear
-    print(answers)
     assert answers[True] >= 20
     assert answers[False] >= 50
 
