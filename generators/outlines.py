@@ -16,6 +16,8 @@ Points = NDArray[np.float64]
 
 CONVEX = 1e-7
 """An outline is convex if it lies within this share of its size of its convex hull: corners on a grid are dented."""
+_FLAT = 1e-14
+"""Three points are in line if twice their area is below this share of the square around all."""
 _MOST_RECTANGLES = 8
 _SAME = 0.9
 """Rectangles that share more than this of their union are one placement."""
@@ -42,17 +44,19 @@ def is_inside(outline: Points, x: float, y: float) -> bool:
 def convex_hull(points: Points) -> Points:
     """Return the corners (k, 2) of the convex hull of (n, 2) points, anticlockwise from the leftmost, k >= 1.
 
-    The monotone chain of Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979;
-    points on a side are left out.
+    The monotone chain of Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
+    Points on a side are left out, and of points that differ by rounding all but one: a side between two of
+    them would have no direction to speak of.
     """
     n = len(points)
     order = _by_x_then_y(points)
+    flat = _FLAT * _largest_square(points)
     chain, size, floor = np.zeros(2 * n + 1, dtype=np.int64), 0, 1
     for step in range(2 * n):
         if step == n:
             floor = size
         here = order[step] if step < n else order[2 * n - 1 - step]
-        while size > floor and turn(points, chain[size - 2], chain[size - 1], here) <= 0.0:
+        while size > floor and turn(points, chain[size - 2], chain[size - 1], here) <= flat:
             size -= 1
         previous = chain[size - 1]
         if size > 0 and points[previous, 0] == points[here, 0] and points[previous, 1] == points[here, 1]:
@@ -65,6 +69,17 @@ def convex_hull(points: Points) -> Points:
     for k in range(size):
         hull[k, 0], hull[k, 1] = points[chain[k], 0], points[chain[k], 1]
     return hull
+
+
+@kernel
+def _largest_square(points: Points) -> float:
+    """Return the square of the larger extent of (n, 2) points."""
+    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(points)):
+        low_x, high_x = min(low_x, points[i, 0]), max(high_x, points[i, 0])
+        low_y, high_y = min(low_y, points[i, 1]), max(high_y, points[i, 1])
+    extent = max(high_x - low_x, high_y - low_y)
+    return float(extent * extent)
 
 
 @kernel

@@ -40,9 +40,9 @@ def shadow_inside(outline: Points, hull: Points, triangles: Points, scale: float
     A hull corner outside decides, and so does an outline that stays clear of the hull. Otherwise the shadow may
     surround a reflex corner of the outline: the triangles are asked.
     """
-    return _corner_outside(outline, hull, scale, tx, ty, 0) < 0 and _surrounds_nothing(
-        outline, hull, triangles, scale, tx, ty
-    )
+    if _corner_outside(outline, hull, scale, tx, ty, 0) >= 0:
+        return False
+    return _triangle_outside(outline, hull, triangles, scale, tx, ty, 0) < 0
 
 
 @kernel
@@ -56,11 +56,14 @@ def _corner_outside(outline: Points, hull: Points, scale: float, tx: float, ty: 
 
 
 @kernel
-def _surrounds_nothing(outline: Points, hull: Points, triangles: Points, scale: float, tx: float, ty: float) -> bool:
-    """Say whether no part of the shadow is outside, where no hull corner is.
+def _triangle_outside(
+    outline: Points, hull: Points, triangles: Points, scale: float, tx: float, ty: float, first: int
+) -> int:
+    """Return a triangle that is not inside, -1 where all are, if no hull corner is outside.
 
     What the outline cuts out of the hull then lies in the box of the outline's pieces within the hull: its borders
     are these pieces and parts of hull sides between their ends. Only triangles that meet the box can be outside.
+    The search starts at triangle `first`.
     """
     local, near = np.zeros(outline.shape), np.zeros(len(outline), dtype=np.bool_)
     for i in range(len(outline)):
@@ -75,14 +78,15 @@ def _surrounds_nothing(outline: Points, hull: Points, triangles: Points, scale: 
             low_x, high_x = min(low_x, ax + start * dx, ax + end * dx), max(high_x, ax + start * dx, ax + end * dx)
             low_y, high_y = min(low_y, ay + start * dy, ay + end * dy), max(high_y, ay + start * dy, ay + end * dy)
     if low_x > high_x:
-        return True
+        return -1
     # Clipped ends are rounded.
     error = 1e-12 * (abs(low_x) + abs(high_x) + abs(low_y) + abs(high_y))
     box = low_x - error, low_y - error, high_x + error, high_y + error
-    for f in range(len(triangles)):
+    for k in range(len(triangles)):
+        f = (first + k) % len(triangles)
         if _meets_box(triangles[f], box) and not _triangle_inside(triangles[f], local, near):
-            return False
-    return True
+            return f
+    return -1
 
 
 @kernel
@@ -124,11 +128,18 @@ def _meets_box(triangle: Points, box: tuple[float, float, float, float]) -> bool
 @kernel
 def _triangle_inside(triangle: Points, outline: Points, near: Flags) -> bool:
     """Say whether a triangle is inside: none of its sides meets a near outline edge and one corner is inside."""
+    low_x, low_y, high_x, high_y = _box(triangle)
     for i in range(len(outline)):
-        if near[i]:
-            for k in range(3):
-                if _segments_meet(triangle[k - 1], triangle[k], outline[i - 1], outline[i]):
-                    return False
+        if not near[i]:
+            continue
+        a, b = outline[i - 1], outline[i]
+        if (a[0] < low_x and b[0] < low_x) or (a[0] > high_x and b[0] > high_x):
+            continue
+        if (a[1] < low_y and b[1] < low_y) or (a[1] > high_y and b[1] > high_y):
+            continue
+        for k in range(3):
+            if _segments_meet(triangle[k - 1], triangle[k], a, b):
+                return False
     return is_inside(outline, triangle[0, 0], triangle[0, 1])
 
 
@@ -166,7 +177,7 @@ def largest_fitting(
     """
     box = _box(hull)
     room = _box(outline)
-    largest, best, first, hint = 0.0, -1, -1, 0
+    largest, best, first, hints = 0.0, -1, -1, np.zeros(2, dtype=np.int64)
     for least in (size, SCALE_ERROR * size):
         for i in range(len(candidates)):
             x, y = candidates[i, 0], candidates[i, 1]
@@ -174,10 +185,9 @@ def largest_fitting(
             highest = _roomiest(room, box, x, y) if least == size else min(size, _roomiest(room, box, x, y))
             if asked >= highest:
                 continue
-            inside, hint = _inside_at(outline, hull, triangles, box, asked, x, y, hint)
-            if inside:
+            if _inside_at(outline, hull, triangles, box, asked, x, y, hints):
                 first = i if first < 0 and least == size else first
-                largest, best = _grown(outline, hull, triangles, box, asked, highest, x, y), i
+                largest, best = _grown(outline, hull, triangles, box, asked, highest, x, y, hints), i
         if best >= 0:
             break
     return largest, best, first
@@ -212,14 +222,21 @@ def _inside_at(
     scale: float,
     x: float,
     y: float,
-    hint: int,
-) -> tuple[bool, int]:
-    """Say whether the shadow is inside with its box about (x, y), and which hull corner to ask first next time."""
+    hints: NDArray[np.int64],
+) -> bool:
+    """Say whether the shadow is inside with its box about (x, y).
+
+    `hints` holds the hull corner and the triangle that were outside last, which are asked first.
+    """
     tx, ty = x - scale * (box[0] + box[2]) / 2, y - scale * (box[1] + box[3]) / 2
-    outside = _corner_outside(outline, hull, scale, tx, ty, hint)
-    if outside >= 0:
-        return False, outside
-    return _surrounds_nothing(outline, hull, triangles, scale, tx, ty), hint
+    corner = _corner_outside(outline, hull, scale, tx, ty, hints[0])
+    if corner >= 0:
+        hints[0] = corner
+        return False
+    triangle = _triangle_outside(outline, hull, triangles, scale, tx, ty, hints[1])
+    if triangle >= 0:
+        hints[1] = triangle
+    return triangle < 0
 
 
 @kernel
@@ -232,13 +249,12 @@ def _grown(
     high: float,
     x: float,
     y: float,
+    hints: NDArray[np.int64],
 ) -> float:
     """Return a scale from `low`, which is inside, to `high` that is inside where a little more is not, by bisection."""
-    hint = 0
     while high > low * (1.0 + SCALE_ERROR / 4):
         middle = (low + high) / 2
-        inside, hint = _inside_at(outline, hull, triangles, box, middle, x, y, hint)
-        if inside:
+        if _inside_at(outline, hull, triangles, box, middle, x, y, hints):
             low = middle
         else:
             high = middle
