@@ -23,8 +23,7 @@ PAIR_ID, DRAW, CANDIDATE, ENV_SURFACE, OBJ_SURFACE, AUDIT = range(6)
 """Streams of one pair; a stream that is not read does not shift the others."""
 
 BLOCK = 256
-"""Counters that a sampling kernel takes at a time: its scratch then stays in the nearest cache, and, being of
-constant size, lets the compiler see that the rows of a block do not overlap, so that its loops become vector code."""
+"""Counters that a sampling kernel takes at a time, so that its scratch stays in the nearest cache."""
 
 _MASK = np.uint64(0xFFFFFFFF)
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)

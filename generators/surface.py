@@ -124,7 +124,7 @@ def bounds(points: Floats, first: int, last: int, m: Floats) -> Floats:
 
 @kernel
 def round_cloud(points: Floats, out: NDArray[np.float32]) -> None:
-    """Store the first n columns of `points` (3, BLOCK) as the rows of `out` (n, 3), rounded to the cloud grid."""
+    """Store the first n columns of `points` (3, k) as the rows of `out` (n, 3), rounded to the cloud grid."""
     for i in range(len(out)):
         out[i, 0] = np.rint(points[0, i] * _CLOUD) / _CLOUD
         out[i, 1] = np.rint(points[1, i] * _CLOUD) / _CLOUD
@@ -133,26 +133,40 @@ def round_cloud(points: Floats, out: NDArray[np.float32]) -> None:
 
 @kernel
 def _points_of_shape(surface: Surface, shape: int, drawn: WordBlock, points: Floats) -> None:
-    """Fill `points` (3, BLOCK) with points drawn evenly from a shape in its rest frame; `drawn` is used up.
+    """Fill `points` (3, k) with points drawn evenly from a shape in its rest frame; `drawn` is used up.
 
     One counter a point: a face by the alias table, then the square-root rule in the triangle (Osada et al.,
     "Shape distributions", ACM TOG 2002).
     """
     first, last = surface.face_start[shape], surface.face_start[shape + 1]
     keep, other, triangles = surface.keep[first:last], surface.other[first:last], surface.triangles[first:last]
-    count = np.uint64(last - first)
-    for i in range(BLOCK):
+    count, size = np.uint64(last - first), points.shape[1]
+    for i in range(size):
         root = np.sqrt(unit(drawn[2, i]))
         v = root * unit(drawn[3, i])
         points[0, i], points[1, i] = root - v, v
-    for i in range(BLOCK):
+    for i in range(size):
         face = (np.uint64(drawn[0, i]) * count) >> np.uint64(32)
         drawn[0, i] = np.uint32(face) if drawn[1, i] < keep[face] else np.uint32(other[face])
-    for i in range(BLOCK):
+    for i in range(size):
         face, u, v = np.uint64(drawn[0, i]), points[0, i], points[1, i]
         points[0, i] = triangles[face, 0, 0] + u * triangles[face, 1, 0] + v * triangles[face, 2, 0]
         points[1, i] = triangles[face, 0, 1] + u * triangles[face, 1, 1] + v * triangles[face, 2, 1]
         points[2, i] = triangles[face, 0, 2] + u * triangles[face, 1, 2] + v * triangles[face, 2, 2]
+
+
+@kernel
+def _place(m: Floats, scale: float, centre: Floats, points: Floats) -> None:
+    """Replace each column p of `points` (3, k) by scale * m @ p - centre."""
+    xx, xy, xz = scale * m[0, 0], scale * m[0, 1], scale * m[0, 2]
+    yx, yy, yz = scale * m[1, 0], scale * m[1, 1], scale * m[1, 2]
+    zx, zy, zz = scale * m[2, 0], scale * m[2, 1], scale * m[2, 2]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        points[0, i] = xx * x + xy * y + xz * z - cx
+        points[1, i] = yx * x + yy * y + yz * z - cy
+        points[2, i] = zx * x + zy * y + zz * z - cz
 
 
 @kernel
@@ -168,18 +182,10 @@ def sample_surface(
     out: NDArray[np.float32],
 ) -> None:
     """Fill `out` (n, 3) with points drawn evenly from a posed shape: scale * m @ point - centre, on the cloud grid."""
-    drawn = np.zeros((4, BLOCK), np.uint32)
-    points = np.zeros((3, BLOCK))
-    xx, xy, xz = scale * m[0, 0], scale * m[0, 1], scale * m[0, 2]
-    yx, yy, yz = scale * m[1, 0], scale * m[1, 1], scale * m[1, 2]
-    zx, zy, zz = scale * m[2, 0], scale * m[2, 1], scale * m[2, 2]
-    cx, cy, cz = centre[0], centre[1], centre[2]
+    size = min(len(out), BLOCK)
+    drawn, points = np.zeros((4, size), np.uint32), np.zeros((3, size))
     for start in range(0, len(out), BLOCK):
         block_words(key, pair, stream, start, drawn)
         _points_of_shape(surface, shape, drawn, points)
-        for i in range(BLOCK):
-            x, y, z = points[0, i], points[1, i], points[2, i]
-            points[0, i] = xx * x + xy * y + xz * z - cx
-            points[1, i] = yx * x + yy * y + yz * z - cy
-            points[2, i] = zx * x + zy * y + zz * z - cz
+        _place(m, scale, centre, points)
         round_cloud(points, out[start : start + BLOCK])
