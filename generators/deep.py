@@ -9,7 +9,7 @@ import numpy as np
 from eigenbench.errors import DataError
 from eigenbench.generators import relabelling
 from eigenbench.generators.generation import build_rows, cached_library
-from eigenbench.generators.library import load_library
+from eigenbench.generators.library import LibraryReference, load_library, refer_to
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Arrays, Recipe
@@ -28,7 +28,7 @@ class _Job:
 
     folder: Path
     recipe: Recipe
-    library: Path
+    library: LibraryReference
     shard: int
     first: int
     rows: int
@@ -51,8 +51,9 @@ def verify_deep(
             f"{manifest.recipe.shapes_digest[:12]}. Pass the same --shapes, with the same library versions."
         )
         raise DataError(msg)
+    shared = refer_to(library, source, manifest.recipe.split)
     jobs = [
-        _Job(folder, manifest.recipe, library.path, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
+        _Job(folder, manifest.recipe, shared, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
         for k, entry in enumerate(manifest.shards)
         for first in range(0, entry.pairs, _ROWS_PER_JOB)
     ]
