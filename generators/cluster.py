@@ -4,9 +4,11 @@ Dask gives a job of a lost worker to another one. What it does not bound is boun
 a cluster without workers, a worker whose libraries would make other bytes.
 """
 
+import asyncio
 import json
 import logging
 import re
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
@@ -195,8 +197,9 @@ def _connect(address: str) -> Any:
     from distributed.versions import VersionMismatchWarning
 
     try:
+        _greet(address)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VersionMismatchWarning)  # what decides the bytes is compared below
+            warnings.simplefilter("ignore", VersionMismatchWarning)  # what decides the bytes is compared later
             return Client(address, timeout=ANSWER_SECONDS, set_as_default=False)
     except Exception as error:  # Dask raises whatever its transports raise
         msg = (
@@ -206,9 +209,38 @@ def _connect(address: str) -> Any:
         raise GenerationError(msg) from error
 
 
+def _greet(address: str) -> None:
+    """Ask the scheduler who it is, in a thread that can be left: Dask's client waits for a silent port for ever."""
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    errors: list[Exception] = []
+
+    async def ask() -> None:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, timeout=0.8 * ANSWER_SECONDS, connection_args=arguments) as scheduler:
+            await asyncio.wait_for(scheduler.identity(), ANSWER_SECONDS)
+
+    def run() -> None:
+        try:
+            asyncio.run(ask())
+        except Exception as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(ANSWER_SECONDS)
+    if thread.is_alive():
+        msg = "the port is open, but silent"
+        raise TimeoutError(msg)
+    if errors:
+        raise errors[0]
+
+
 def _words(error: object) -> str:
     """Return an exception as one line of at most 200 characters."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200].rstrip(": .")
+    name = "" if type(error) is Exception else f"{type(error).__name__}: "  # Dask puts what it cannot send into a text
+    return f"{name}{' '.join(str(error).split())}"[:200].rstrip(": .")
 
 
 @contextmanager
