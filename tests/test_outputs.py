@@ -77,7 +77,8 @@ def test_an_interrupted_upload_goes_on(url, here, monkeypatch):
 
     def broken(self, source, name):
         if name == "targets-00001.h5":
-            raise GenerationError("the line is cut")
+            msg = "the line is cut"
+            raise GenerationError(msg)
         upload(self, source, name)
 
     monkeypatch.setattr(Address, "_upload", broken)
@@ -135,7 +136,8 @@ def test_a_store_that_fails(monkeypatch):
     """Whatever a protocol raises is one sentence with the address."""
 
     def refuse(*_args, **_options):
-        raise RuntimeError("SignatureDoesNotMatch:\n 403")
+        msg = "SignatureDoesNotMatch:\n 403"
+        raise RuntimeError(msg)
 
     monkeypatch.setattr("fsspec.implementations.memory.MemoryFileSystem.put_file", refuse)
     with pytest.raises(GenerationError, match="Output memory://f/tube/test fails: SignatureDoesNotMatch: 403. Finis"):
@@ -202,14 +204,15 @@ def test_several_tasks(monkeypatch, tmp_path):
 
     def shapes_missing(out, task, split):
         if task == "other":
-            raise ShapeError("none serves as environment")
+            msg = "none serves as environment"
+            raise ShapeError(msg)
         return original(out, task, split)
 
     monkeypatch.setattr(generation, "open_output", shapes_missing)
     left, shown = {}, set()
     arguments = {"workers": 1, "skipped": left.__setitem__, "progress": lambda name, *_: shown.add(name)}
     made = generate("all", "test", 10, tmp_path, **arguments)
-    assert list(made)[0] == tmp_path / "tube" / "test"
+    assert next(iter(made)) == tmp_path / "tube" / "test"
     assert left["other"] == "none serves as environment"
     assert "tube test" in shown
     with pytest.raises(ShapeError, match="none serves as environment"):
