@@ -108,7 +108,7 @@ def generate(
     choose("split", split, (*SPLITS, "all"))
     kind = parse_source(shapes).kind
     with open_pool(workers, scheduler) as pool:
-        plans = []
+        plans: list[tuple[Output, Recipe, Library]] = []
         for task_name in tasks:
             try:
                 plan = []

@@ -21,7 +21,7 @@ from eigenbench.generators.library import LibraryReference, find_library
 from eigenbench.generators.workers import open_pool
 from eigenbench.manifest import read_manifest
 
-PAIRS = 12_500
+PAIRS = 7_500
 
 
 class Processes:
@@ -120,6 +120,22 @@ def test_a_killed_scheduler_is_one_line_and_the_command_goes_on(processes, alone
     finished = {p: p.stat().st_mtime_ns for p in out.rglob("targets-*.h5")}
     assert generate("tube", "train", PAIRS, out, workers=1)[out / "tube" / "train"].digest == alone
     assert all(p.stat().st_mtime_ns == t for p, t in finished.items())
+
+
+def test_ctrl_c_leaves_the_cluster(processes, tmp_path):
+    """An interruption is one line and exit code 130, and the workers serve the next run."""
+    processes.work()
+    command = ["generate", "--task", "tube", "--split", "train", "--pairs", "20000", "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "eigenbench", *command, "--scheduler", processes.address]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    wait_for(lambda: list(tmp_path.rglob("targets-*.h5")))
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=30)
+    lines = [line for line in errors.splitlines() if not line.startswith("train: ")]
+    assert (running.returncode, len(lines)) == (130, 1), errors
+    assert lines[0].startswith("error: interrupted. Finished shards are kept")
+    with open_pool(scheduler=processes.address) as pool:
+        assert list(pool.run(len, ["abc"])) == [3]
 
 
 def test_a_cluster_without_workers(processes, tmp_path, monkeypatch):
