@@ -344,26 +344,34 @@ def inside_solid(point: Floats, triangles: Floats) -> bool:
     vote by their signed crossings before and after it. For a closed surface all three agree, also where bodies
     overlap; for an open or broken one the majority of those that agree with themselves decides.
     """
-    before, after = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
-    corners, low, high = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    for f in range(len(triangles)):
-        around = 0
-        for k in range(3):
-            corner, e1, e2 = triangles[f, 0, k], triangles[f, 1, k], triangles[f, 2, k]
-            low[k], high[k] = corner + min(0.0, e1, e2), corner + max(0.0, e1, e2)
-            corners[0, k], corners[1, k], corners[2, k] = corner, corner + e1, corner + e2
-            around += low[k] <= point[k] <= high[k]
-        if around < 2:
-            continue
-        for axis in range(3):
-            b, c = 1 if axis == 0 else 0, 1 if axis == 2 else 2
-            if low[b] <= point[b] <= high[b] and low[c] <= point[c] <= high[c]:
-                sign, at = crossing(corners, axis, b, c, point[b], point[c])
-                if at < point[axis]:
-                    before[axis] += sign
-                else:
-                    after[axis] += sign
-    votes = 0
-    for axis in range(3):
-        votes += vote(before[axis], after[axis])
+    votes = _line_vote(point, triangles, 2, 0, 1) + _line_vote(point, triangles, 0, 1, 2)
+    if abs(votes) < 2:
+        votes += _line_vote(point, triangles, 1, 0, 2)
     return votes > 0
+
+
+@kernel
+def _line_vote(point: Floats, triangles: Floats, axis: int, b: int, c: int) -> int:
+    """Return the vote of the line along an axis through a point; b and c are the two other axes, in order."""
+    before, after = 0, 0
+    pb, pc, corners = point[b], point[c], np.zeros((3, 3))
+    for f in range(len(triangles)):
+        corner, e, g = triangles[f, 0, b], triangles[f, 1, b], triangles[f, 2, b]
+        if pb < corner + min(0.0, e, g) or pb > corner + max(0.0, e, g):
+            continue
+        corner, e, g = triangles[f, 0, c], triangles[f, 1, c], triangles[f, 2, c]
+        if pc < corner + min(0.0, e, g) or pc > corner + max(0.0, e, g):
+            continue
+        for k in range(3):
+            corner = triangles[f, 0, k]
+            corners[0, k], corners[1, k], corners[2, k] = (
+                corner,
+                corner + triangles[f, 1, k],
+                corner + triangles[f, 2, k],
+            )
+        sign, at = crossing(corners, axis, b, c, pb, pc)
+        if at < point[axis]:
+            before += sign
+        else:
+            after += sign
+    return vote(before, after)
