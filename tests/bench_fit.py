@@ -78,9 +78,10 @@ def kernel_labels(pairs: list[Pair], environments, objects) -> tuple[list[int], 
     trees = build_trees(surface.triangles, surface.face_start)
     once["trees"] = time.perf_counter() - start
     once["bytes"] = float(sum(part.nbytes for part in trees))
+    reaching_in(surface.triangles[:10], np.zeros(3), np.ones(3), 1e-6)
     obstacles: dict[tuple, np.ndarray] = {}
     once["rooms"] = 0.0
-    for pair in [pairs[0], *pairs]:
+    for pair in pairs:
         key = (pair.env, tuple(pair.cavity[0]))
         if key not in obstacles:
             triangles = rows_of(environments, pair.env)
@@ -187,6 +188,7 @@ def main() -> None:
         of_kind = 1e6 * fast[chosen]
         print(f"kernel, {kind} {chosen.sum():4}: mean {of_kind.mean():6.1f} us, median {np.median(of_kind):6.1f} us")
     triangles = rows_of(environments, pairs[0].env)
+    inside_solid(pairs[0].candidates[0], triangles)
     start = time.perf_counter()
     for pair in pairs:
         inside_solid(pair.candidates[0], triangles)

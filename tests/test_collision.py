@@ -232,7 +232,7 @@ def test_first_free_needs_no_luck(objects, trees, rooms):
         assert first_free(sweep, touching) == -1
         away = np.array([[9.0, 9.0, 9.0]])
         assert first_free(sweep, np.concatenate([touching[:700], away, away])) == min(len(touching), 700)
-    assert hints.count[0] > 0
+    assert hints.known[0] > 0
 
 
 def test_nothing_in_the_way_is_free(objects, trees):
@@ -340,7 +340,7 @@ def test_inside_real_meshes_is_the_winding_number(real_meshes):
             mesh = read_mesh(path)
         except ShapeError:
             continue
-        if is_closed(mesh) and len(mesh.faces) < 20_000:
+        if is_closed(mesh) and len(mesh.faces) < 4_000:
             tried += 1
             corners = mesh.vertices[mesh.faces]
             points = rng.uniform(corners.min(axis=(0, 1)), corners.max(axis=(0, 1)), size=(40, 3))
