@@ -20,7 +20,13 @@ from eigenbench.generators.surface import matrix_of
 from eigenbench.generators.trees import LEAF, build_trees
 
 STILL = (0.0, 0.0, 0.0)
-TRIANGLE = st.lists(st.tuples(*[st.integers(-2, 2)] * 3), min_size=3, max_size=3)
+WHOLE = st.integers(-2, 2)
+FLAT = st.lists(st.tuples(WHOLE, WHOLE, st.just(0)), min_size=3, max_size=3)
+THIN = st.builds(
+    lambda p, d: [p, p, tuple(x + y for x, y in zip(p, d, strict=True))], *[st.tuples(WHOLE, WHOLE, st.just(0))] * 2
+)
+TRIANGLE = st.one_of(st.lists(st.tuples(WHOLE, WHOLE, WHOLE), min_size=3, max_size=3), FLAT, THIN)
+"""Triangles anywhere, in one plane, and segments and points in it."""
 SHIFT = st.tuples(*[st.integers(-3, 3)] * 3)
 
 
@@ -72,7 +78,7 @@ def share_a_point(a, b) -> bool:
 
 
 @given(TRIANGLE, TRIANGLE)
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=1000, deadline=None)
 def test_contact_is_exact(a, b):
     """Triangles, segments and points with small whole coordinates meet where rational arithmetic says so."""
     assert meets(a, b) == share_a_point(a, b)
