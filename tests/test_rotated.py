@@ -34,7 +34,7 @@ def test_a_scene_turned_back_has_the_same_label(task):
         pair, upright = block.pair(row), turned_back(block, row)
         there, here = pair.posed(), upright.posed()
         assert np.allclose(there.hull, here.hull, atol=1e-7)
-        sweep, straight = (p.stock and block.maker.family.reference(p) for p in (pair, upright))
+        sweep, straight = (block.maker.family.reference(p) for p in (pair, upright))
         tried = there.placement(block.witnesses(row)[:40])
         assert [sweep.is_free(p) for p in tried] == [straight.is_free(p) for p in tried]
         if block.targets["label"][row]:
@@ -51,7 +51,7 @@ def test_lengths_are_measured_along_the_scene(task):
         directions = t["directions"][row]
         assert np.allclose(directions, matrix(block, row, "env").T[axes], atol=2**-24)
         assert np.allclose(extents(obj_in_scene(block, row))[axes], t["obj_lengths"][row], rtol=0, atol=1.01 * GRID)
-        if t["label"][row]:
+        if t["label"][row] and task == "tube-rotated":  # a witness may lie in another cavity than the deciding one
             along = (block.inputs["obj_points"][row].astype(float) + t["witness"][row]) @ directions.T
             assert (along.min(axis=0) > t["planes"][row, :, 0] - 2 * CLOUD_GRID).all()
             assert (along.max(axis=0) < t["planes"][row, :, 1] + 2 * CLOUD_GRID).all()
