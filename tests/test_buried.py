@@ -4,11 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blocks import contradictions, env_triangles, in_scene, maker_of, obj_triangles, stock_of
+from blocks import (
+    GRID,
+    circle_radius,
+    contradictions,
+    env_triangles,
+    extents,
+    in_scene,
+    maker_of,
+    obj_in_scene,
+    obj_triangles,
+    stock_of,
+)
 from manifold3d import Manifold, Mesh64
 from material import box_mesh
 
-from eigenbench.generators import library
+from eigenbench.generators import library, primitives
 from eigenbench.generators.building import Block, Maker, build
 from eigenbench.generators.shapes import Cavity, Measures, Shape
 from eigenbench.generators.solids import Mesh, carved
@@ -17,24 +28,20 @@ from eigenbench.shard_format import REASONS
 
 INNER = 0.9
 ROOM = ((-INNER / 2,) * 3, (INNER / 2,) * 3)
-
-
-def block_at(low, high) -> Mesh:
-    """Return the box from corner to corner."""
-    low, high = np.array(low), np.array(high)
-    mesh = box_mesh(*(high - low))
-    return Mesh(mesh.vertices + (low + high) / 2, mesh.faces)
+WHOLE = Cavity(*ROOM, inhabited=True)
 
 
 def shell(*fittings: Mesh) -> Mesh:
     """Return a sealed case of side 1 around a room of side 0.9, with fittings."""
-    return carved([box_mesh(1, 1, 1)], [block_at(*ROOM)], list(fittings))
+    return carved([box_mesh(1, 1, 1)], [primitives.box(*ROOM)], list(fittings))
 
 
-def blocks_in(case: Mesh, tmp_path, monkeypatch, pairs: int = 120, draws: str = "independent") -> Block:
-    """Return pairs of the built-in test objects and one environment whose whole room is its cavity."""
+def blocks_in(
+    case: Mesh, tmp_path, monkeypatch, pairs: int = 120, draws: str = "independent", cavity: Cavity = WHOLE
+) -> Block:
+    """Return pairs of the built-in test objects and one environment with one cavity, its whole room."""
     monkeypatch.setenv("EIGENBENCH_CACHE", str(tmp_path))
-    shape = Shape("safe", "case", case, Measures(cavities=(Cavity(*ROOM, inhabited=True),)))
+    shape = Shape("safe", "case", case, Measures(cavities=(cavity,)))
     stock = replace(stock_of("fit"), environments=library._pack([shape], {}, metric=True))
     return build(Maker.of(Recipe("fit", "test", 1000, draws=draws), stock), 0, pairs, clouds=False)
 
@@ -50,7 +57,7 @@ def shared_volume(block: Block, row: int) -> float:
 
 def test_an_object_that_fits_inside_a_step_does_not_fit(tmp_path, monkeypatch):
     """A solid step covers the whole floor: small objects touch nothing inside of it, and all pairs are negative."""
-    step = block_at((-0.46, -0.46, -0.46), (0.46, 0.46, -0.05))
+    step = primitives.box((-0.46, -0.46, -0.46), (0.46, 0.46, -0.05))
     block = blocks_in(shell(step), tmp_path, monkeypatch, pairs=60)
     t = block.targets
     assert not t["label"].any()
@@ -71,7 +78,7 @@ def test_an_object_that_fits_inside_a_step_does_not_fit(tmp_path, monkeypatch):
 
 def test_beside_a_step_is_free_and_above_it_is_not_the_floor(tmp_path, monkeypatch):
     """A step over half of the floor: every witness stands on the floor in the other half, outside of the step."""
-    step = block_at((-0.46, -0.46, -0.46), (0.0, 0.46, -0.05))
+    step = primitives.box((-0.46, -0.46, -0.46), (0.0, 0.46, -0.05))
     block = blocks_in(shell(step), tmp_path, monkeypatch)
     t = block.targets
     positives = np.flatnonzero(t["label"])
@@ -86,7 +93,7 @@ def test_beside_a_step_is_free_and_above_it_is_not_the_floor(tmp_path, monkeypat
 
 def test_a_room_cut_in_two_is_two_rooms(tmp_path, monkeypatch):
     """A wall from floor to ceiling in the middle: an object fits where it is narrower than a half, as box lengths say."""
-    wall = block_at((-0.01, -0.46, -0.46), (0.01, 0.46, 0.46))
+    wall = primitives.box((-0.01, -0.46, -0.46), (0.01, 0.46, 0.46))
     block = blocks_in(shell(wall), tmp_path, monkeypatch)
     t = block.targets
     size = block.rows.env_size[:, None] / block.maker.stock.environments.diameters[0]
@@ -96,7 +103,30 @@ def test_a_room_cut_in_two_is_two_rooms(tmp_path, monkeypatch):
     assert contradictions(block, range(6)) == []
 
 
-def test_an_unseen_obstacle_is_named(tmp_path, monkeypatch):
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("inhabited", [False, True])
+def test_a_drum_is_round(axis, inhabited, tmp_path, monkeypatch):
+    """A drum along any axis, empty or swept: the object's circle against its radius, its extent against its depth."""
+    hole = primitives.cylinder(axis, (0.0, 0.0, 0.0), INNER / 2 / np.cos(np.pi / 192), INNER, sides=192)
+    case = carved([box_mesh(1, 1, 1)], [hole])
+    cavity = Cavity(*ROOM, axis=axis, radius=INNER / 2, inhabited=inhabited)
+    block = blocks_in(case, tmp_path, monkeypatch, draws="ratio", cavity=cavity)
+    t, room = block.targets, INNER * block.targets["env_scale"]
+    posed = [obj_in_scene(block, row) for row in range(len(room))]
+    rounds = np.array([2 * circle_radius(np.delete(p, axis, axis=1)) for p in posed])
+    slack = room - np.maximum(rounds, [extents(p)[axis] for p in posed])
+    assert np.array_equal(t["label"], slack > 0)
+    assert 0.2 < t["label"].mean() < 0.9
+    boxed = (t["obj_lengths"] < t["env_lengths"]).all(axis=1)
+    outside = ~t["label"] & boxed
+    assert outside.sum() > 3
+    assert (t["reason"][outside] == REASONS["outline"]).all()
+    if not inhabited:
+        assert t["margin"] == pytest.approx(slack, abs=3 * GRID)
+    assert contradictions(block, [*np.flatnonzero(t["label"])[:4], *np.flatnonzero(outside)[:2]]) == []
+
+
+def test_an_empty_room_swept_is_the_closed_form(tmp_path, monkeypatch):
     """A room that nothing reaches into, but called inhabited, gives the labels of the closed form."""
     block = blocks_in(shell(), tmp_path, monkeypatch, draws="ratio")
     t = block.targets
