@@ -7,8 +7,8 @@ Kernels are compiled and shapes are built before the clock starts. Each printed 
 
 import argparse
 import contextlib
+import multiprocessing
 import os
-import resource
 import shutil
 import sys
 import tempfile
@@ -53,16 +53,28 @@ def scratch(folder: Path | None) -> Iterator[Path]:
         yield Path(name)
 
 
+def peak_of(process: multiprocessing.process.BaseProcess) -> int:
+    """Return the peak resident memory of a process, KiB; 0 where the system does not tell."""
+    # getrusage would count what the parent held when it started the process.
+    try:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")), 0)
+
+
 class Clock:
-    """Notes when each shard of a run was finished."""
+    """Notes when each shard of a run was finished, and the peak memory of its workers, KiB."""
 
     def __init__(self) -> None:
         self.start = time.perf_counter()
         self.events: list[tuple[float, str, int]] = []
+        self.peak = 0
 
     def __call__(self, what: str, done: int, _total: int) -> None:
         """Take the progress of `generate`."""
         self.events.append((time.perf_counter() - self.start, what, done))
+        self.peak = max([self.peak, *map(peak_of, multiprocessing.active_children())])
 
     def seconds_by_task(self) -> dict[str, float]:
         """Return how long each task took, from the end of the one before it."""
@@ -111,8 +123,7 @@ def data(sizes: Sizes, folder: Path | None) -> None:
         f"six tasks in all, starting the workers included; FCL checked {audited:,} pairs, {wrong} mismatches",
         f"{seconds:8.1f} s",
     )
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    say("peak resident memory of a worker", f"{peak:8.0f} MiB")
+    say("peak resident memory of a worker", f"{clock.peak / 1024:8.0f} MiB")
     with scratch(folder) as out:
         plain = plain_write(out, size)
     say(f"{size / 1e9:.2f} GB of shards", f"{size / 1e6 / seconds:8.0f} MB/s")
