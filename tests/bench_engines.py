@@ -161,7 +161,7 @@ def mismatches(pairs_each: int, out: Path | None) -> int:
         out.parent.mkdir(parents=True, exist_ok=True)
     warm(MISMATCH_TASKS)
     chunks = [Chunk(t, at, CHUNK) for t in MISMATCH_TASKS for at in range(0, pairs_each, CHUNK)]
-    left = [chunk for chunk in chunks if chunk.name not in done]
+    left = [chunk for chunk in chunks if done.get(chunk.name, {}).get("pairs") != chunk.pairs]
     for name, result in run_jobs(label_twice, left, WORKERS):
         done[name] = result
         if out is not None:
