@@ -10,6 +10,7 @@ import os
 import platform
 import secrets
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,20 +47,33 @@ def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -
     `about` is stored as JSON in the attribute `about`, the content digest in `digest`. GenerationError if
     the disk is full or the folder cannot be written.
     """
-    staged = StagedShard(path, file, temporary_beside(path), content_digest(file, arrays))
+    temporary = temporary_beside(path)
     try:
-        with h5py.File(staged.temporary, "w") as h5:
-            for field in fields_of(file):
-                h5.create_dataset(field.name, data=arrays[field.name], track_times=False)
-            h5.attrs["format_version"] = FORMAT_VERSION
-            h5.attrs["digest"] = staged.digest
-            h5.attrs["about"] = json.dumps(about, sort_keys=True)
-        sync(staged.temporary)
-        yield staged
+        digest = _write(temporary, file, arrays, about)
+        yield StagedShard(path, file, temporary, digest)
     except OSError as error:
         raise GenerationError(_write_trouble(path, error)) from error
     finally:
-        staged.temporary.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
+
+
+def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
+    """Write and sync a shard file, and return its digest.
+
+    A second thread hashes while this one copies and waits for the disk: all three leave the interpreter free. What
+    the digest is written with is small, so that the second sync is short.
+    """
+    with ThreadPoolExecutor(1) as beside, h5py.File(path, "w") as h5:
+        hashed = beside.submit(content_digest, file, arrays)
+        for field in fields_of(file):
+            h5.create_dataset(field.name, data=arrays[field.name], track_times=False)
+        h5.flush()
+        sync(path)
+        h5.attrs["format_version"] = FORMAT_VERSION
+        h5.attrs["about"] = json.dumps(about, sort_keys=True)
+        h5.attrs["digest"] = digest = hashed.result()
+    sync(path)
+    return digest
 
 
 def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], None]) -> None:
@@ -145,7 +159,16 @@ def _is_alive(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    return True
+    return not _has_ended(pid)
+
+
+def _has_ended(pid: int) -> bool:
+    """Whether a process is over and only waits to be collected, which the first process of a container may never do."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (OSError, IndexError):
+        return False
+    return state in {"Z", "X"}
 
 
 def read_about(path: Path) -> dict[str, Any]:

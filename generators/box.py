@@ -51,7 +51,7 @@ FAR = 8.0
 _LOG_SIDE = float(np.log(SIDE[1] / SIDE[0]))
 _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 _FACES = 3
-"""Where `sizes` holds which faces exist, after the three sides: bit 2 axis for the lower one, 2 axis + 1 for the upper."""
+"""Where `sizes` holds which faces exist, after the three sides: bit 2 axis for the lower one, and the next for the upper."""
 
 
 def tables(stock: Stock) -> Tables:
@@ -90,7 +90,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: tuple[Surface, int
 
 @kernel
 def placement(key: Key, pair: int, index: int, box: Floats, rows: Rows, row: int) -> Point:
-    """Return a placement of the box's middle: 0 in the box's, or beside a lonely face; the others anywhere in the volume."""
+    """Return a placement of the box's middle: 0 in the middle, or beside a lonely face; the others anywhere inside."""
     size, sizes, bits = rows.obj_scale[row], rows.sizes[row], int(rows.sizes[row, _FACES])
     x, y, z = spread(key, pair, index)
     place = np.zeros(3)

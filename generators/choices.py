@@ -56,14 +56,21 @@ def measures_of(library: Library | None) -> tuple[Measures, ...]:
 
 
 @kernel
+def drawn_environment(key: Key, pair: int, attempt: int, index: int, choice: Choice) -> tuple[int, float]:
+    """Draw a library environment and its scale."""
+    u, v = drawn(key, pair, attempt, index), drawn(key, pair, attempt, index + 1)
+    shape = choice.members[choose_shape(u, v, choice.category_start)]
+    scale = SCALE[0] + (SCALE[1] - SCALE[0]) * drawn(key, pair, attempt, index + 2)
+    return shape, on_length_grid(scale)
+
+
+@kernel
 def take_environment(
     key: Key, pair: int, attempt: int, choice: Choice, environments: Surface, rows: Rows, row: int
 ) -> float:
-    """Draw a library environment and its scale, centre it as it stands in the world; return its longest side, m."""
-    u, v = drawn(key, pair, attempt, ENV_SHAPE), drawn(key, pair, attempt, ENV_SHAPE + 1)
-    shape = choice.members[choose_shape(u, v, choice.category_start)]
-    scale = SCALE[0] + (SCALE[1] - SCALE[0]) * drawn(key, pair, attempt, ENV_SHAPE + 2)
-    return stand(shape, on_length_grid(scale), choice, environments, rows, row)
+    """Draw a row's environment, centre it as it stands in the world; return its longest side there, m."""
+    shape, scale = drawn_environment(key, pair, attempt, ENV_SHAPE, choice)
+    return stand(shape, scale, choice, environments, rows, row)
 
 
 @kernel

@@ -5,10 +5,10 @@ Below the rim, that is: the smallest circle around its xy silhouette against the
 
 import numpy as np
 
+from eigenbench.generators.circles import enclosing_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
-from eigenbench.generators.circles import enclosing_circle
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,

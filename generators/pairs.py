@@ -38,15 +38,21 @@ NEAR = 0.1
 NEAR_SHARE = 0.13
 """The ratio's logarithm lies within NEAR of 0 with this probability; it is uniform within and uniform without."""
 
+BETWEEN_SHARE = 0.5
+"""Share of the pairs of library environments in which a second one decides the object's size, see `size_between`."""
+NEAR_KEPT = 0.25
+"""Of such pairs within NEAR of 1, the share that is kept, so that there are about as many as by the ratio law."""
+
 FITS, LENGTH_0, NO_CANDIDATE, OUTLINE = (REASONS[k] for k in ("fits", "length_0", "no_candidate", "outline"))
 
-SHAPE, RATIO, SIDES, ENV_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 24, 64, 512
-"""First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, rotations."""
+SHAPE, RATIO, SIDES, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 24, 32, 64, 512
+"""First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, another's, rotations."""
 _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
 HALF_CLOUD = 2.0 ** (CLOUD_BITS - 1)
 _LOG_RATIO = float(np.log(RATIO_MAX))
+_NEAR_BELOW, _NEAR_ABOVE = float(np.exp(-NEAR)), float(np.exp(NEAR))
 
 Point = tuple[float, float, float]
 Floats32 = NDArray[np.float32]
@@ -260,6 +266,30 @@ def size_object(
         size = critical * drawn_ratio(key, pair, attempt)
     rows.obj_scale[row] = on_length_grid(size)
     return float(rows.obj_scale[row])
+
+
+@kernel
+def is_between(key: Key, pair: int, attempt: int, law: Law) -> bool:
+    """Say whether an attempt draws the object's size by `size_between`."""
+    return bool(not law.independent and drawn(key, pair, attempt, RATIO + 2) < BETWEEN_SHARE)
+
+
+@kernel
+def size_between(
+    key: Key, pair: int, attempt: int, critical: float, other: float, rows: Rows, row: int
+) -> float:
+    """Write and return the geometric mean of the sizes at which the object just fits its environment and another one.
+
+    Both environments are drawn alike, so the object alone tells nothing about the label, however little the
+    environments differ in size; by the ratio law the environment alone tells nothing. A mixture keeps either probe low.
+    Returns 0 where the pair is to be drawn anew: beyond RATIO_MAX always, near 1 mostly.
+    """
+    ratio = np.sqrt(other / critical)
+    rows.obj_scale[row] = on_length_grid(critical * ratio)
+    if not 1.0 / RATIO_MAX < ratio < RATIO_MAX:
+        return 0.0
+    near = _NEAR_BELOW < ratio < _NEAR_ABOVE
+    return 0.0 if near and drawn(key, pair, attempt, RATIO + 3) >= NEAR_KEPT else float(rows.obj_scale[row])
 
 
 @kernel

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eigenbench.generators.choices import (
     Choice,
     choice_of,
+    drawn_environment,
     lacking_measure,
     measures_of,
     take_environment,
@@ -31,6 +32,7 @@ from eigenbench.generators.outlines import (
 )
 from eigenbench.generators.pairs import (
     NO_CANDIDATE,
+    OTHER_SHAPE,
     OUTLINE,
     TRIED,
     Law,
@@ -39,12 +41,14 @@ from eigenbench.generators.pairs import (
     centre_object,
     conclude,
     hull_in_scene,
+    is_between,
     is_clear,
     lacking,
     measure_along,
     name_pair,
     scene_from_object,
     settle,
+    size_between,
     size_object,
     spread,
     turn_object,
@@ -148,17 +152,15 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
     shape, scale = rows.env_index[row], rows.env_size[row]
     hull = turn_object(key, pair, attempt, objects, rows, row)
     box = box_of(hull)
-    if tops.convex[shape]:
-        sides = tops.sides[:, tops.side_start[shape] : tops.side_start[shape + 1]]
-        largest = largest_fitting_convex(sides, hull[:, :2])
+    largest = roomiest(tops, shape, hull)
+    if is_between(key, pair, attempt, law):
+        other, other_scale = drawn_environment(key, pair, attempt, OTHER_SHAPE, choice)
+        other_scale *= choice.diameters[other]
+        size = size_between(key, pair, attempt, largest[0] * scale, roomiest(tops, other, hull)[0] * other_scale, rows, row)
+        if size == 0.0:
+            return False
     else:
-        sides, largest = tops.sides[:, :0], (0.0, 0.0, 0.0)
-        for k in range(tops.room_start[shape], tops.room_start[shape + 1]):
-            room = tops.rooms[k]
-            fits = min((room[2] - room[0]) / (box[1, 0] - box[0, 0]), (room[3] - room[1]) / (box[1, 1] - box[0, 1]))
-            if fits > largest[0]:
-                largest = (fits, 0.0, 0.0)
-    size = size_object(key, pair, attempt, law, largest[0] * scale, OBJECT[0], _LOG_OBJECT, rows, row)
+        size = size_object(key, pair, attempt, law, largest[0] * scale, OBJECT[0], _LOG_OBJECT, rows, row)
     centre_object(objects, rows, row)
     for axis in range(2):
         low, high = scale * tops.planes[shape, axis, 0], scale * tops.planes[shape, axis, 1]
@@ -168,6 +170,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
     rows.decides[row] = 0 if slack_x <= slack_y else 1
     if not tops.convex[shape]:
         return sweep(key, pair, law, tables, rows, row, longest)
+    sides = sides_of(tops, shape)
     if sides.shape[1] == 4:
         rows.margin[row] = min(slack_x, slack_y)
     else:
@@ -191,6 +194,28 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
                 break
     conclude(rows, row, found, why_not(rows, row))
     return True
+
+
+@kernel
+def sides_of(tops: Tops, shape: int) -> Floats:
+    """Return the half-planes (3, m) of a convex outline."""
+    return tops.sides[:, tops.side_start[shape] : tops.side_start[shape + 1]]
+
+
+@kernel
+def roomiest(tops: Tops, shape: int, hull: Floats) -> tuple[float, float, float]:
+    """Return the largest scale of a posed hull that fits a top, packed frame, and its place if the outline is convex.
+
+    In an outline that is not convex it is the largest that fits one of the rectangles in it.
+    """
+    if tops.convex[shape]:
+        return largest_fitting_convex(sides_of(tops, shape), hull[:, :2])
+    box, largest = box_of(hull), 0.0
+    for k in range(tops.room_start[shape], tops.room_start[shape + 1]):
+        room = tops.rooms[k]
+        fits = min((room[2] - room[0]) / (box[1, 0] - box[0, 0]), (room[3] - room[1]) / (box[1, 1] - box[0, 1]))
+        largest = max(largest, fits)
+    return largest, 0.0, 0.0
 
 
 @kernel
@@ -243,8 +268,7 @@ def candidates(key: Key, pair: int, guided: bool, tables: TopTables, rows: Rows,
         if k >= extra:
             x, y = middle_at(key, pair, k - extra + 1, tops, shape)
         elif tops.convex[shape]:
-            sides = tops.sides[:, tops.side_start[shape] : tops.side_start[shape + 1]]
-            x, y = smaller_inside(hull[:, :2], size / scale, largest_fitting_convex(sides, hull[:, :2]))
+            x, y = smaller_inside(hull[:, :2], size / scale, roomiest(tops, shape, hull))
             x, y = x + middle_x / scale, y + middle_y / scale
         else:
             room = tops.rooms[first + k]
