@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.enclosing import enclosing_radius
+from eigenbench.geometry import Bools, Floats, enclosing_radius, extents_along, matrices, offsets_along, reach
 from eigenbench.records import Arrays
-from eigenbench.references import extents_along, offsets_along, reach
 from eigenbench.shard_format import CLOUD_BITS, MIN_MARGIN
-from eigenbench.target_rules import Bools, Fault, Floats, matrices, of_any
+from eigenbench.target_rules import Fault, of_any
 from eigenbench.tasks import TaskSpec, faces_of
 
 CLOUD_GRAIN = 2.0**-CLOUD_BITS

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eigenbench.enclosing import enclosing_radius
 from eigenbench.errors import choose
+from eigenbench.geometry import enclosing_radius, extents_along, matrices, reach
 from eigenbench.metrics import decide
 from eigenbench.records import Arrays
 from eigenbench.tasks import TaskSpec
@@ -29,27 +29,6 @@ class Measured:
 
 MEASURED_FIELDS = ("env_points", "obj_points", "directions", "env_lengths", "obj_rotation")
 """What a measurer reads of a block of pairs."""
-
-
-def offsets_along(points: NDArray[np.float32], directions: Floats) -> tuple[Floats, Floats]:
-    """Return the (n, S') lowest and highest offsets of clouds (n, m, 3) along unit directions (n, S', 3).
-
-    NaN where a direction is: a length without one.
-    """
-    known = ~np.isnan(directions).any(axis=2)
-    along = np.matmul(np.where(known[:, :, None], directions, 0.0), points.astype(np.float64).transpose(0, 2, 1))
-    return np.where(known, along.min(axis=2), np.nan), np.where(known, along.max(axis=2), np.nan)
-
-
-def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
-    """Return (n, S') extents of clouds (n, m, 3) along unit directions (n, S', 3); NaN where a direction is."""
-    low, high = offsets_along(points, directions)
-    return high - low
-
-
-def reach(points: NDArray[np.floating]) -> Floats:
-    """Return the (n,) largest distances of the points (n, m, d) of clouds from the origin."""
-    return np.sqrt(np.einsum("nmd,nmd->nm", points, points, dtype=np.float64).max(axis=1))
 
 
 def _measure_extents(block: Arrays) -> Measured:
@@ -84,6 +63,12 @@ def _measure_objects(block: Arrays) -> Measured:
     return Measured(block["env_lengths"].copy(), extents_along(block["obj_points"], block["directions"]))
 
 
+def _measure_peg(block: Arrays) -> Measured:
+    """Read the peg's diameter from its cloud, seen along its true axis; the opening's from the truth."""
+    across = np.matmul(block["obj_points"].astype(np.float64), matrices(block["obj_rotation"])[:, :, :2])
+    return Measured(block["env_lengths"].copy(), 2 * enclosing_radius(across)[:, None])
+
+
 MEASURERS: dict[str, Callable[[Arrays], Measured]] = {
     "tube": _measure_extents,
     "box": _measure_extents,
@@ -92,6 +77,7 @@ MEASURERS: dict[str, Callable[[Arrays], Measured]] = {
     "multitube": _measure_tubes,
     "fit": _measure_objects,
     "top": _measure_objects,
+    "mug": _measure_peg,
 }
 """How the exact measurer reads a block of pairs (`MEASURED_FIELDS`), by the task's family.
 

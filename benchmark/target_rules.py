@@ -7,15 +7,13 @@ are not stored; `eigenbench verify --deep` makes those pairs again.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eigenbench.geometry import Bools, Floats, matrices
 from eigenbench.manifest import Manifest
 from eigenbench.records import Arrays
 from eigenbench.shard_format import LENGTH_BITS, PRIMITIVE_SHAPE, REASONS
 from eigenbench.tasks import TaskSpec
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Fault = tuple[str, Bools, str]
 """A field, the rows (n,) that break a rule, and the rule."""
 
@@ -28,17 +26,6 @@ _UNIT = 1e-6
 def of_any(bad: Bools) -> Bools:
     """Return (n,): some value of the row is bad."""
     return np.asarray(bad.reshape(len(bad), -1).any(axis=1))
-
-
-def matrices(quaternions: Floats) -> Floats:
-    """Return the (n, 3, 3) rotations of unit quaternions (n, 4), w first."""
-    w, x, y, z = quaternions.T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
 
 
 def target_faults(t: Arrays, manifest: Manifest) -> Iterator[Fault]:

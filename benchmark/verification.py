@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from eigenbench.cloud_rules import cloud_faults
 from eigenbench.errors import DataError
+from eigenbench.geometry import Bools
 from eigenbench.manifest import Manifest, find_splits, read_manifest
 from eigenbench.records import Arrays
 from eigenbench.shard_format import FILES, content_digest, fields_of, round_to, shard_name
 from eigenbench.shards import REBUILD, read_about, read_shard
-from eigenbench.target_rules import Bools, Fault, of_any, target_faults
+from eigenbench.target_rules import Fault, of_any, target_faults
 
 Progress = Callable[[str, int, int], None]
 

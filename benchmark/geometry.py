@@ -1,4 +1,4 @@
-"""Smallest enclosing circles and balls of many clouds at once, in numpy: what a radius is measured by."""
+"""Geometry of many clouds at once, in numpy: extents, rotations, smallest enclosing circles and balls."""
 
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -13,6 +13,38 @@ _SLACK = 1e-12
 """A point outside the ball by less than this share of the squared radius counts as inside."""
 _FIRST = 64
 """Points of a cloud that are looked at before all of them."""
+
+
+def matrices(quaternions: Floats) -> Floats:
+    """Return the (n, 3, 3) rotations of unit quaternions (n, 4), w first."""
+    w, x, y, z = quaternions.T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+
+
+def offsets_along(points: NDArray[np.float32], directions: Floats) -> tuple[Floats, Floats]:
+    """Return the (n, S') lowest and highest offsets of clouds (n, m, 3) along unit directions (n, S', 3).
+
+    NaN where a direction is: a length without one.
+    """
+    known = ~np.isnan(directions).any(axis=2)
+    along = np.matmul(np.where(known[:, :, None], directions, 0.0), points.astype(np.float64).transpose(0, 2, 1))
+    return np.where(known, along.min(axis=2), np.nan), np.where(known, along.max(axis=2), np.nan)
+
+
+def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
+    """Return (n, S') extents of clouds (n, m, 3) along unit directions (n, S', 3); NaN where a direction is."""
+    low, high = offsets_along(points, directions)
+    return high - low
+
+
+def reach(points: NDArray[np.floating]) -> Floats:
+    """Return the (n,) largest distances of the points (n, m, d) of clouds from the origin."""
+    return np.sqrt(np.einsum("nmd,nmd->nm", points, points, dtype=np.float64).max(axis=1))
 
 
 def enclosing_radius(points: NDArray[np.floating]) -> Floats:
