@@ -172,8 +172,7 @@ def _groups_of_pairs(truth: Truth) -> dict[str, NDArray[np.bool_]]:
     for side in ("obj_category", "env_category"):
         for category in np.unique(t[side]):
             masks[f"{side}/{category.decode()}"] = t[side] == category
-    deciding = t["env_lengths"][np.arange(len(t["label"])), t["decides"]]
-    relative = np.abs(t["margin"]) / deciding
+    relative = metrics.relative_margin(t["margin"], t["env_lengths"], t["decides"])
     for low, high in pairwise(MARGIN_BINS):
         name = f"over {low:.0%}" if np.isinf(high) else f"{low:.0%} to {high:.0%}"
         masks[f"margin/{name}"] = (relative >= low) & (relative < high)
