@@ -77,6 +77,7 @@ def _describe_split(folder: Path, measured: bool) -> dict[str, Any]:
         "measurer": _measurer(dataset, label) if measured else None,
         "lengths": {
             name: {
+                "binds": any(k in clause for clause in task.clauses),
                 "decides": float(np.mean(t["decides"] == k)),
                 "decides_negatives": _mean(t["decides"][~label] == k),
                 "environment": _range(t["env_lengths"][:, k]),

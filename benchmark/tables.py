@@ -199,7 +199,8 @@ def print_statistics(descriptions: Sequence[dict[str, Any]]) -> None:
         shares = [probes[k] for k in ("object_only", "environment_only", "majority")]
         shares += [d["rule_explains"], d["near_boundary"]]
         shares += [measurer["exact"], measurer["calibrated"]] if measured else []
-        decides = "  ".join(f"{name} {_share(v['decides_negatives'])}" for name, v in d["lengths"].items())
+        binding = {name: v for name, v in d["lengths"].items() if v["binds"]}
+        decides = "  ".join(f"{name} {_share(v['decides_negatives'])}" for name, v in binding.items())
         r = d["recipe"]
         cells = (f"{r['pairs']:,}", f"{d['positive_rate']:.2%}", *(_share(s) for s in shares))
         table.add_row(r["task"], r["split"], *cells, decides)
