@@ -51,7 +51,7 @@ FAR = 8.0
 _LOG_SIDE = float(np.log(SIDE[1] / SIDE[0]))
 _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 _FACES = 3
-"""Where `sizes` holds which faces exist, after the three sides: bit 2 axis for the lower one, and the next for the upper."""
+"""Where `sizes` holds which faces exist, after the three sides: bit 2 * axis for the lower, the next for the upper."""
 
 
 def tables(stock: Stock) -> Tables:
@@ -196,8 +196,8 @@ def reference(pair: Pair) -> Sweep:
         square[:, (face // 2 + 1) % 3] = [-FAR, FAR, FAR, -FAR]
         square[:, (face // 2 + 2) % 3] = [-FAR, -FAR, FAR, FAR]
         corners.append(square)
-    quads = 4 * np.arange(len(corners))[:, None]
-    triangles = np.concatenate([quads + [0, 1, 2], quads + [0, 2, 3]])
+    first = np.repeat(4 * np.arange(len(corners)), 2)[:, None]
+    triangles = first + np.tile([[0, 1, 2], [0, 2, 3]], (len(corners), 1))
 
     def inside(placement: Points) -> bool:
         low, high = (posed.hull + placement).min(axis=0), (posed.hull + placement).max(axis=0)

@@ -217,7 +217,16 @@ def guided_of(cavities: Cavities, c: int) -> int:
 
 @kernel
 def placement(
-    key: Key, pair: int, c: int, index: int, first: int, cavities: Cavities, scale: float, size: float, hull: Floats, box: Floats
+    key: Key,
+    pair: int,
+    c: int,
+    index: int,
+    first: int,
+    cavities: Cavities,
+    scale: float,
+    size: float,
+    hull: Floats,
+    box: Floats,
 ) -> Point:
     """Return placement `index` of cavity c for a posed hull times `size`: guided ones, then sampled from `first` on.
 
@@ -260,7 +269,9 @@ def placement(
         t[b] += away * y
         share = 0.5 * ((index - 1) // ROUND)
     room = high - low - depth
-    t[axis] = low - size * box[0, axis] + (GAP if axis == 2 else min(max(share * room, GAP), max(room - GAP, 0.5 * room)))
+    t[axis] = (
+        low - size * box[0, axis] + (GAP if axis == 2 else min(max(share * room, GAP), max(room - GAP, 0.5 * room)))
+    )
     return t[0], t[1], t[2]
 
 
@@ -456,7 +467,9 @@ def label(
             if here > margin:
                 room = room_of(cavities, c, hull, box) * scale
                 fits = largest_in(key, pair, c, free, first, room, hull, box, tables, rows, row)
-                here = on_length_grid((fits / size - 1.0) * rows.obj_lengths[row, tightest(cavities, c, scale, rows, row)])
+                here = on_length_grid(
+                    (fits / size - 1.0) * rows.obj_lengths[row, tightest(cavities, c, scale, rows, row)]
+                )
             if not law.guided and free >= 0:
                 free = first_in(key, pair, c, guided, end, first, size, hull, box, tables, rows, row)
         if here > margin:
@@ -527,7 +540,9 @@ def reference(pair: Pair) -> Sweep:
     """Return the pair as FCL sees it: the environment's whole mesh and the object's."""
     posed = pair.posed()
     triangles = pair.stock.of("environment").triangles(pair.env_index) * pair.env_size
-    return Sweep.of(soup_model(triangles / posed.size), object_model(pair), _inside(pair, triangles), posed.turn, posed.size)
+    return Sweep.of(
+        soup_model(triangles / posed.size), object_model(pair), _inside(pair, triangles), posed.turn, posed.size
+    )
 
 
 def confirm(pair: Pair) -> Sweep:

@@ -95,7 +95,9 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: MugTables, rows: R
     gap = 2.0 * gaps.radius[shape] * rows.env_size[row]
     if is_between(key, pair, attempt, law):
         other, other_scale = drawn_environment(key, pair, attempt, OTHER_SHAPE, choice)
-        diameter = size_between(key, pair, attempt, gap, 2.0 * gaps.radius[other] * other_scale * choice.diameters[other], rows, row)
+        diameter = size_between(
+            key, pair, attempt, gap, 2.0 * gaps.radius[other] * other_scale * choice.diameters[other], rows, row
+        )
         if diameter == 0.0:
             return False
     else:

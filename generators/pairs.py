@@ -275,9 +275,7 @@ def is_between(key: Key, pair: int, attempt: int, law: Law) -> bool:
 
 
 @kernel
-def size_between(
-    key: Key, pair: int, attempt: int, critical: float, other: float, rows: Rows, row: int
-) -> float:
+def size_between(key: Key, pair: int, attempt: int, critical: float, other: float, rows: Rows, row: int) -> float:
     """Write and return the geometric mean of the sizes at which the object just fits its environment and another one.
 
     Both environments are drawn alike, so the object alone tells nothing about the label, however little the

@@ -156,7 +156,9 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
     if is_between(key, pair, attempt, law):
         other, other_scale = drawn_environment(key, pair, attempt, OTHER_SHAPE, choice)
         other_scale *= choice.diameters[other]
-        size = size_between(key, pair, attempt, largest[0] * scale, roomiest(tops, other, hull)[0] * other_scale, rows, row)
+        size = size_between(
+            key, pair, attempt, largest[0] * scale, roomiest(tops, other, hull)[0] * other_scale, rows, row
+        )
         if size == 0.0:
             return False
     else:
