@@ -7,6 +7,7 @@ are not stored; `eigenbench verify --deep` makes those pairs again.
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenbench.geometry import Bools, Floats, matrices
 from eigenbench.manifest import Manifest
@@ -87,10 +88,15 @@ def deciding_slack(t: Arrays, task: TaskSpec) -> Floats:
     return np.where(t["binding"], own - t["obj_lengths"], np.inf)
 
 
+def _deciding(t: Arrays) -> NDArray[np.int8]:
+    """Return the (n,) deciding slots; one that is none, a fault of its own, as the nearest that is."""
+    return np.clip(t["decides"], 0, t["env_lengths"].shape[1] - 1)
+
+
 def _rule_faults(t: Arrays, manifest: Manifest) -> Iterator[Fault]:
     """Yield the rules of label, binding, deciding length and margin."""
     task, rows = manifest.task, np.arange(len(t["label"]))
-    label, margin, decides = t["label"], t["margin"], t["decides"]
+    label, margin, decides = t["label"], t["margin"], _deciding(t)
     takes_part = np.isin(np.arange(len(task.lengths)), [slot for clause in task.clauses for slot in clause])
     yield "binding", of_any(t["binding"] != takes_part), "contradicts the task's clauses"
     if manifest.recipe.protocol == "exact":
@@ -116,7 +122,7 @@ def _rule_faults(t: Arrays, manifest: Manifest) -> Iterator[Fault]:
 def _reason_faults(t: Arrays, manifest: Manifest) -> Iterator[Fault]:
     """Yield the rules of why a pair does not fit."""
     task, reason, margin = manifest.task, t["reason"], t["margin"]
-    own = deciding_slack(t, task)[np.arange(len(reason)), t["decides"]]
+    own = deciding_slack(t, task)[np.arange(len(reason)), _deciding(t)]
     lacking = (reason >= REASONS["length_0"]) & (reason <= REASONS["length_3"])
     yield "reason", ~np.isin(reason, list(REASONS.values())), "is not in the vocabulary"
     yield "reason", t["label"] != (reason == REASONS["fits"]), "contradicts the label"

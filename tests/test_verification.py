@@ -114,9 +114,9 @@ def test_forged_frames_of_any_task(split, name):
             assert_named(files, manifest, "directions", 5, f"is not the scene's axis {axis}")
             continue
         for field in ("directions", "planes"):
-            files, _ = split(name)
-            files["targets"][field][5, slot] = 0.0
-            assert_named(files, manifest, field, 5, "which has none")
+            forged, _ = split(name)
+            forged["targets"][field][5, slot] = 0.0
+            assert_named(forged, manifest, field, 5, "which has none")
 
 
 @pytest.mark.parametrize("name", NAMES)
