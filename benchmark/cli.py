@@ -78,12 +78,17 @@ def _unforeseen(error: Exception, debug: bool) -> int:
 
 @app.command()
 def generate(
-    task: Annotated[str, typer.Option(help="Which task.")],
+    task: Annotated[str, typer.Option(help="Which task; several with commas between, or all.")],
     split: Annotated[str, typer.Option(help="train, test or all.")] = "all",
     pairs: Annotated[int | None, typer.Option(help="Pairs per split; default 75,000 train, 20,000 test.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder that receives <task>/<split>/.")] = Path("data"),
+    out: Annotated[
+        str, typer.Option(help="Folder that receives <task>/<split>/, or an address such as s3://bucket/data.")
+    ] = "data",
     seed: Annotated[int, typer.Option(help="0 is the public data.")] = 0,
     workers: Workers = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler whose workers make the shards: tcp://host:8786.")
+    ] = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
     shapes: Annotated[str, typer.Option(help=SOURCES)] = "default",
@@ -93,6 +98,7 @@ def generate(
     """Generate the pairs of a task. Run again, it goes on where it stopped."""
     from eigenbench.generators.generation import generate as make
 
+    skipped: dict[str, str] = {}
     with progress_on(as_json) as progress:
         manifests = make(
             task,
@@ -101,12 +107,16 @@ def generate(
             out,
             seed=seed,
             workers=workers,
+            scheduler=scheduler,
             engine=engine,
             protocol=protocol,
             shapes=shapes,
             audit=audit,
             progress=progress,
+            skipped=skipped.__setitem__,
         )
+    for name, reason in skipped.items():
+        print(printable(f"task {name} is left out: {reason}"), file=sys.stderr)
     if as_json:
         print(json.dumps([_summary(folder, m) for folder, m in manifests.items()]))
         return
@@ -119,7 +129,7 @@ def generate(
         print_refused(m.shapes_refused)
 
 
-def _summary(folder: Path, manifest: Any) -> dict[str, Any]:
+def _summary(folder: Path | str, manifest: Any) -> dict[str, Any]:
     from dataclasses import asdict
 
     body = asdict(manifest) | {"positive_rate": manifest.positive_rate, "folder": str(folder)}

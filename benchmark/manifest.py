@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -88,8 +89,13 @@ class Manifest:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write `manifest.json`, the last file of a split."""
+    write_text_atomically(folder / MANIFEST, manifest_text(manifest))
+
+
+def manifest_text(manifest: Manifest) -> str:
+    """Return the content of `manifest.json`."""
     body = asdict(manifest) | {"positive_rate": round(manifest.positive_rate, 6)}
-    write_text_atomically(folder / MANIFEST, json.dumps(body, indent=1) + "\n")
+    return json.dumps(body, indent=1) + "\n"
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -98,9 +104,19 @@ def read_manifest(folder: Path) -> Manifest:
     if not path.is_file():
         raise DataError(_no_manifest(folder))
     try:
-        body: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
+    except OSError as error:
+        msg = f"{path} cannot be read: {error.strerror}."
+        raise DataError(msg) from error
+    return parse_manifest(content, str(path))
+
+
+def parse_manifest(content: bytes, place: str) -> Manifest:
+    """Return the manifest that a file's content holds; DataError, naming its place, if it holds none."""
+    try:
+        body: dict[str, Any] = json.loads(content.decode("utf-8"))
         if body["format_version"] != FORMAT_VERSION:
-            msg = f"{path} has format version {body['format_version']}, this eigenbench reads {FORMAT_VERSION}."
+            msg = f"{place} has format version {body['format_version']}, this eigenbench reads {FORMAT_VERSION}."
             raise DataError(msg)
         body.pop("positive_rate", None)
         return Manifest(
@@ -113,16 +129,15 @@ def read_manifest(folder: Path) -> Manifest:
         )
     except DataError:
         raise
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, EigenbenchError) as error:
-        msg = f"{path} is not a manifest of this eigenbench: {error}. Generate the split again."
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, EigenbenchError) as error:
+        msg = f"{place} is not a manifest of this eigenbench: {error}. Generate the split again."
         raise DataError(msg) from error
 
 
 def find_splits(path: Path) -> list[Path]:
     """Return the split folders at or below `path`: itself, `<split>` or `<task>/<split>`."""
     if not path.is_dir():
-        msg = f"Data folder {path} {'is not a folder' if path.exists() else 'does not exist'}; " + _HOW
-        raise DataError(msg)
+        raise DataError(_no_manifest(path))
     if (path / MANIFEST).is_file():
         return [path]
     found = [m.parent for pattern in (MANIFEST, f"*/{MANIFEST}", f"*/*/{MANIFEST}") for m in path.glob(pattern)]
@@ -142,6 +157,8 @@ def only_split(path: Path) -> Path:
 
 
 def _no_manifest(folder: Path) -> str:
+    if re.match(r"\w+:/", str(folder)) and not folder.exists():  # pathlib makes one slash of two
+        return f"{folder} is an address, and data is read from a folder: copy it here first, see docs/scale.md."
     if not folder.is_dir():
         return f"Data folder {folder} {'is not a folder' if folder.exists() else 'does not exist'}; " + _HOW
     if list(folder.glob("inputs-*.h5")):

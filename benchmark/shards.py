@@ -8,13 +8,14 @@ import hashlib
 import json
 import os
 import platform
+import re
 import secrets
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -82,7 +83,7 @@ def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], N
     A name that is free is taken only if it is still free then, so that of two runs at once the first wins.
     Another content is replaced, right after `before_replacing`, which raises if it must stay.
     """
-    while not _has_content(staged, task):
+    while not has_content(staged, staged.path, task):
         if staged.path.exists():
             before_replacing()
             staged.temporary.replace(staged.path)  # damaged, or left by a run that ended in the middle
@@ -100,9 +101,10 @@ def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], N
     sync(staged.path.parent)
 
 
-def _has_content(staged: StagedShard, task: TaskSpec) -> bool:
+def has_content(staged: StagedShard, path: Path, task: TaskSpec) -> bool:
+    """Say whether the file at `path` is whole and holds what a staged file holds."""
     try:
-        return content_digest(staged.file, read_shard(staged.path, staged.file, task)) == staged.digest
+        return content_digest(staged.file, read_shard(path, staged.file, task)) == staged.digest
     except DataError:
         return False
 
@@ -147,9 +149,15 @@ def _write_trouble(path: Path, error: OSError) -> str:
 
 def remove_leftovers(folder: Path) -> None:
     """Delete temporary files of processes that ran on this machine and are gone."""
-    for leftover in folder.glob(f".*.{_HOST}-*.tmp"):
-        if not _is_alive(int(leftover.name.split(".")[-2].split("-")[1])):
+    for leftover in folder.glob(".*.tmp"):
+        if is_leftover(leftover.name):
             leftover.unlink(missing_ok=True)
+
+
+def is_leftover(name: str) -> bool:
+    """Say whether a temporary name is one that a process of this machine, gone now, left behind."""
+    match = re.fullmatch(rf"\..*\.{_HOST}-(\d+)-\w+\.tmp", name)
+    return match is not None and not _is_alive(int(match[1]))
 
 
 def _is_alive(pid: int) -> bool:
@@ -159,26 +167,31 @@ def _is_alive(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    return not _has_ended(pid)
-
-
-def _has_ended(pid: int) -> bool:
-    """Whether a process is over and only waits to be collected, which the first process of a container may never do."""
     try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except (OSError, IndexError):
-        return False
-    return state in {"Z", "X"}
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except OSError:
+        return True
+    return state != "Z"  # ended, and not yet buried by its parent
 
 
 def read_about(path: Path) -> dict[str, Any]:
     """Return what the writer noted about a shard: its recipe and audit, and its `digest`."""
     with _open(path) as h5, _damage_named(path):
-        return {**json.loads(_attribute(h5, path, "about")), "digest": _attribute(h5, path, "digest")}
+        return _about(h5, path)
+
+
+def read_about_of(stream: BinaryIO, place: str) -> dict[str, Any]:
+    """Return the same of a shard that is read through a stream, a few pages of it; `place` names it in errors."""
+    with _damage_named(place), h5py.File(stream, "r") as h5:
+        return _about(h5, place)
+
+
+def _about(h5: h5py.File, path: Path | str) -> dict[str, Any]:
+    return {**json.loads(_attribute(h5, path, "about")), "digest": _attribute(h5, path, "digest")}
 
 
 @contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
+def _damage_named(path: Path | str) -> Iterator[None]:
     """Turn whatever h5py and json raise on damaged bytes into a DataError that names the file."""
     try:
         yield
@@ -223,7 +236,7 @@ def _open(path: Path) -> h5py.File:
     return h5
 
 
-def _attribute(h5: h5py.File, path: Path, name: str) -> str:
+def _attribute(h5: h5py.File, path: Path | str, name: str) -> str:
     if name not in h5.attrs:
         msg = f"Shard {path} lacks its attribute '{name}'; {REBUILD}."
         raise DataError(msg)

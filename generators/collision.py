@@ -30,13 +30,13 @@ class Hints(NamedTuple):
     ----------
     polytopes : (HINTS, 17, 5) rows of axis, low, high: translations at which a known contact holds
     order : (HINTS,) in which they are tried, the successful ones first
-    count : (1,) known contacts
+    known : (1,) number of contacts
     scratch : slabs of the pair of triangles in work
     """
 
     polytopes: Floats
     order: Integers
-    count: Integers
+    known: Integers
     scratch: Floats
 
 
@@ -101,7 +101,7 @@ def sweep_of(
             for axis in range(3):
                 moved[b, row, axis] = inverse[axis, 0] * x + inverse[axis, 1] * y + inverse[axis, 2] * z
         _bound(moved, b, sides)
-    hints.count[0] = 0
+    hints.known[0] = 0
     return Sweep(
         triangles[start:end],
         trees.boxes[node:last],
@@ -118,10 +118,10 @@ def sweep_of(
 @kernel
 def _bound(t: Floats, b: int, sides: Floats) -> None:
     """Write obstacle b's box, its plane, and the planes through its edges across it."""
-    for axis in range(3):
-        low = t[b, 0, axis] + min(0.0, t[b, 1, axis], t[b, 2, axis])
-        high = t[b, 0, axis] + max(0.0, t[b, 1, axis], t[b, 2, axis])
-        sides[b, 0, axis], sides[b, 0, 3 + axis] = (low + high) / 2.0, (high - low) / 2.0 + _PAD
+    for k in range(3):
+        low = t[b, 0, k] + min(0.0, t[b, 1, k], t[b, 2, k])
+        high = t[b, 0, k] + max(0.0, t[b, 1, k], t[b, 2, k])
+        sides[b, 0, k], sides[b, 0, 3 + k] = (low + high) / 2.0, (high - low) / 2.0 + _PAD
     e, f, g = edges(t, b)
     normal = cross(e, f)
     side = 1
@@ -141,10 +141,10 @@ def first_free(sweep: Sweep, translations: Floats) -> int:
 
     Translations are of the object's origin, scene frame.
     """
-    inverse, polytopes, order, count = sweep.inverse, sweep.hints.polytopes, sweep.hints.order, sweep.hints.count
+    inverse, polytopes, order, known = sweep.inverse, sweep.hints.polytopes, sweep.hints.order, sweep.hints.known
     for i in range(len(translations)):
         u = _moved(inverse, translations[i, 0], translations[i, 1], translations[i, 2])
-        if not (_known(polytopes, order, count[0], u) or _search(sweep, u)):
+        if not (_known(polytopes, order, known[0], u) or _search(sweep, u)):
             return i
     return -1
 
@@ -154,7 +154,7 @@ def touches(sweep: Sweep, x: float, y: float, z: float) -> bool:
     """Say whether the object, its origin at (x, y, z) in the scene frame, touches an obstacle."""
     u = _moved(sweep.inverse, x, y, z)
     hints = sweep.hints
-    return _known(hints.polytopes, hints.order, hints.count[0], u) or _search(sweep, u)
+    return _known(hints.polytopes, hints.order, hints.known[0], u) or _search(sweep, u)
 
 
 @kernel
@@ -213,8 +213,8 @@ def _remember(hints: Hints) -> None:
 
     Its slabs are ordered by width, since the narrow ones exclude most.
     """
-    place = min(hints.count[0], HINTS - 1)
-    hints.count[0] = place + 1
+    place = min(hints.known[0], HINTS - 1)
+    hints.known[0] = place + 1
     number = hints.order[place]
     slabs, polytopes = hints.scratch, hints.polytopes
     for row in range(SLABS):
@@ -333,7 +333,7 @@ def _overlaps(axis: Vector, t: Floats, half: Floats) -> bool:
     """Say whether along an axis triangle t[0] meets the open box; a zero axis tells nothing."""
     radius = abs(axis[0]) * half[0] + abs(axis[1]) * half[1] + abs(axis[2]) * half[2]
     low, high = reach(axis, t, 0)
-    return radius == 0.0 or (low < radius and high > -radius)
+    return bool(radius == 0.0 or (low < radius and high > -radius))
 
 
 @kernel
@@ -344,26 +344,34 @@ def inside_solid(point: Floats, triangles: Floats) -> bool:
     vote by their signed crossings before and after it. For a closed surface all three agree, also where bodies
     overlap; for an open or broken one the majority of those that agree with themselves decides.
     """
-    before, after = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
-    corners, low, high = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    votes = _line_vote(point, triangles, 2, 0, 1) + _line_vote(point, triangles, 0, 1, 2)
+    if abs(votes) < 2:
+        votes += _line_vote(point, triangles, 1, 0, 2)
+    return bool(votes > 0)
+
+
+@kernel
+def _line_vote(point: Floats, triangles: Floats, axis: int, b: int, c: int) -> int:
+    """Return the vote of the line along an axis through a point; b and c are the two other axes, in order."""
+    before, after = 0, 0
+    pb, pc, corners = point[b], point[c], np.zeros((3, 3))
     for f in range(len(triangles)):
-        around = 0
-        for k in range(3):
-            corner, e1, e2 = triangles[f, 0, k], triangles[f, 1, k], triangles[f, 2, k]
-            low[k], high[k] = corner + min(0.0, e1, e2), corner + max(0.0, e1, e2)
-            corners[0, k], corners[1, k], corners[2, k] = corner, corner + e1, corner + e2
-            around += low[k] <= point[k] <= high[k]
-        if around < 2:
+        corner, e, g = triangles[f, 0, b], triangles[f, 1, b], triangles[f, 2, b]
+        if pb < corner + min(0.0, e, g) or pb > corner + max(0.0, e, g):
             continue
-        for axis in range(3):
-            b, c = 1 if axis == 0 else 0, 1 if axis == 2 else 2
-            if low[b] <= point[b] <= high[b] and low[c] <= point[c] <= high[c]:
-                sign, at = crossing(corners, axis, b, c, point[b], point[c])
-                if at < point[axis]:
-                    before[axis] += sign
-                else:
-                    after[axis] += sign
-    votes = 0
-    for axis in range(3):
-        votes += vote(before[axis], after[axis])
-    return votes > 0
+        corner, e, g = triangles[f, 0, c], triangles[f, 1, c], triangles[f, 2, c]
+        if pc < corner + min(0.0, e, g) or pc > corner + max(0.0, e, g):
+            continue
+        for k in range(3):
+            corner = triangles[f, 0, k]
+            corners[0, k], corners[1, k], corners[2, k] = (
+                corner,
+                corner + triangles[f, 1, k],
+                corner + triangles[f, 2, k],
+            )
+        sign, at = crossing(corners, axis, b, c, pb, pc)
+        if at < point[axis]:
+            before += sign
+        else:
+            after += sign
+    return vote(before, after)

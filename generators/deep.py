@@ -10,7 +10,8 @@ from eigenbench.errors import DataError
 from eigenbench.generators import relabelling
 from eigenbench.generators.building import build
 from eigenbench.generators.generation import cached_maker
-from eigenbench.generators.stock import load_stock
+from eigenbench.generators.library import LibraryReference
+from eigenbench.generators.stock import load_stock, references
 from eigenbench.generators.workers import run_jobs, worker_count
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Arrays, Recipe
@@ -29,7 +30,7 @@ class _Job:
 
     folder: Path
     recipe: Recipe
-    libraries: tuple[Path, ...]
+    shapes: tuple[LibraryReference, ...]
     shard: int
     first: int
     rows: int
@@ -52,8 +53,9 @@ def verify_deep(
             f"{manifest.recipe.shapes_digest[:12]}. Pass the same --shapes, with the same library versions."
         )
         raise DataError(msg)
+    shared = references(stock, source, manifest.recipe.split)
     jobs = [
-        _Job(folder, manifest.recipe, stock.paths, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
+        _Job(folder, manifest.recipe, shared, k, first, min(_ROWS_PER_JOB, entry.pairs - first))
         for k, entry in enumerate(manifest.shards)
         for first in range(0, entry.pairs, _ROWS_PER_JOB)
     ]
@@ -69,7 +71,7 @@ def _check(job: _Job) -> int:
     task = find_task(job.recipe.task)
     pair = job.shard * PAIRS_PER_SHARD + job.first
     # The fast engine draws the pairs again; FCL, below, has the last word on their labels.
-    block = build(cached_maker(replace(job.recipe, engine="fast"), job.libraries), pair, job.rows)
+    block = build(cached_maker(replace(job.recipe, engine="fast"), job.shapes), pair, job.rows)
     for file, rebuilt in (("inputs", block.inputs), ("targets", block.targets)):
         path = job.folder / shard_name(file, job.shard)
         stored = {k: v[job.first : job.first + job.rows] for k, v in read_shard(path, file, task).items()}

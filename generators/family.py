@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,11 +51,6 @@ class Stock:
             msg = f"task {self.task.name} does not draw both sides from shapes"
             raise ValueError(msg)
         return self.objects, self.environments
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """The files that hold the shapes, objects first."""
-        return tuple(self.of(role).path for role in self.roles)
 
     @property
     def digest(self) -> str:

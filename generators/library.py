@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from platform import node
 from zipfile import BadZipFile
 
 import numpy as np
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from eigenbench.cache import cache_folder
-from eigenbench.errors import DataError, GenerationError, ShapeError
+from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
 from eigenbench.generators.compiled import sources_digest
 from eigenbench.generators.measures import enclosing_ball
 from eigenbench.generators.measuring import measured
 from eigenbench.generators.shapes import Measures, Shape, measures_from_json, measures_to_json, moved
-from eigenbench.generators.sources import load_shapes, none_usable, parse_source
+from eigenbench.generators.sources import absolute_source, load_shapes, none_usable, parse_source
 from eigenbench.generators.surface import Surface, alias_table
 from eigenbench.shard_format import round_to
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -92,6 +93,53 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
     library = _pack(*load_shapes(source, role, split), metric=True)
     write_text_atomically(note, library.path.name)
     return library
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryReference:
+    """How a worker, perhaps on another machine, finds a library: at `path`, or made again from the rest."""
+
+    path: Path
+    source: str
+    split: str
+    role: str
+    digest: str
+
+
+def refer_to(library: Library, source: str, split: str, role: str = "object") -> LibraryReference:
+    """Return the reference of what `load_library` gave for the same arguments."""
+    return LibraryReference(library.path.absolute(), absolute_source(source), split, role, library.digest)
+
+
+def find_library(wanted: LibraryReference) -> Library:
+    """Open a library where its reference says, or in this machine's cache, or make it again.
+
+    GenerationError if this machine does not see the shapes, or makes other ones from them.
+    """
+    for path in dict.fromkeys((wanted.path, _place(wanted.digest))):
+        if path.is_file():
+            with contextlib.suppress(DataError):
+                return open_library(path)
+    try:
+        library = load_library(wanted.source, wanted.split, wanted.role)
+    except (ShapeError, UsageError) as error:
+        msg = (
+            f"A worker on {node()} has no {wanted.role} shapes: {error} "
+            "Every worker must see the folder of the shapes at the same path."
+        )
+        raise GenerationError(msg) from error
+    if library.digest != wanted.digest:
+        msg = (
+            f"A worker on {node()} makes other {wanted.role} shapes from '{wanted.source}': digest "
+            f"{library.digest[:12]} instead of {wanted.digest[:12]}. Its folder or its libraries are not the same."
+        )
+        raise GenerationError(msg)
+    return library
+
+
+def _place(digest: str) -> Path:
+    """Return where the cache keeps a library."""
+    return cache_folder() / "shapes" / f"{digest[:32]}.npz"
 
 
 def _measured(shapes: list[Shape], refused: dict[str, str], role: str) -> tuple[list[Shape], dict[str, str]]:
@@ -229,7 +277,7 @@ def _store(
     arrays["measures"] = np.frombuffer(text, dtype=np.uint8)
     arrays["metric"] = np.array(metric)
     digest = _digest(arrays)
-    path = cache_folder() / "shapes" / f"{digest[:32]}.npz"
+    path = _place(digest)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(path)
     try:

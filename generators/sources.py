@@ -20,6 +20,8 @@ from eigenbench.generators.solids import Mesh
 
 OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
 """The kinds of source, and the options of each."""
+FOLDER_OPTIONS = ("lists",)
+"""The options that name a folder."""
 SIZES = (1e-30, 1e30)
 """Longest sides of a shape, in any unit: GLB files hold float32, and measuring takes the fifth power of lengths."""
 NAMED = 3
@@ -54,6 +56,15 @@ def parse_source(source: str) -> Source:
             raise UsageError(msg)
         options[name] = value
     return Source(kind, expand(folder) if folder else Path(), options)
+
+
+def absolute_source(source: str) -> str:
+    """Return the source with its folders as absolute paths, for a worker that starts elsewhere."""
+    parsed = parse_source(source)
+    if parsed.kind == "default":
+        return source
+    options = {k: str(expand(v).absolute()) if k in FOLDER_OPTIONS else v for k, v in parsed.options.items()}
+    return ",".join([f"{parsed.kind}={parsed.folder.absolute()}", *(f"{k}={v}" for k, v in options.items())])
 
 
 def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[str, str]]:

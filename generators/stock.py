@@ -1,11 +1,10 @@
 """The shapes that one task draws from one split of a source, for either side."""
 
 from functools import lru_cache
-from pathlib import Path
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators.family import Stock, family_of
-from eigenbench.generators.library import Library, load_library, open_library
+from eigenbench.generators.library import Library, LibraryReference, find_library, load_library, refer_to
 from eigenbench.tasks import TaskSpec
 
 
@@ -31,17 +30,22 @@ def load_stock(source: str, split: str, task: TaskSpec) -> Stock:
     return stock
 
 
-def open_stock(task: TaskSpec, paths: tuple[Path, ...]) -> Stock:
-    """Read the shapes of a task back from the files of `Stock.paths`."""
-    found = iter(paths)
-    objects, environments = (None if r is None else _open(next(found)) for r in (task.object, task.environment))
+def references(stock: Stock, source: str, split: str) -> tuple[LibraryReference, ...]:
+    """Return what any process needs to find the shapes, or to make them again; objects first."""
+    return tuple(refer_to(stock.of(role), source, split, role) for role in stock.roles)
+
+
+def find_stock(task: TaskSpec, shapes: tuple[LibraryReference, ...]) -> Stock:
+    """Find the shapes of a task by what `references` said."""
+    found = iter(shapes)
+    objects, environments = (None if r is None else _find(next(found)) for r in (task.object, task.environment))
     return Stock(task, objects, environments)
 
 
 @lru_cache(maxsize=4)
-def _open(path: Path) -> Library:
+def _find(reference: LibraryReference) -> Library:
     """Read packed shapes once a process, whichever tasks use them."""
-    return open_library(path)
+    return find_library(reference)
 
 
 def left_out(stock: Stock) -> dict[str, str]:

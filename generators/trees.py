@@ -182,4 +182,5 @@ def _grown(box: Floats, other: Floats) -> float:
     for k in range(6):
         box[k] = min(box[k], other[k])
     x, y, z = -box[3] - box[0], -box[4] - box[1], -box[5] - box[2]
-    return x * y + y * z + z * x
+    half: float = x * y + y * z + z * x
+    return half

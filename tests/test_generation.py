@@ -14,7 +14,7 @@ import pytest
 from material import write_shard
 
 from eigenbench.errors import DataError, EigenbenchError, GenerationError, ShapeError, UsageError
-from eigenbench.generators import generation, relabelling
+from eigenbench.generators import generation, outputs, relabelling
 from eigenbench.generators.generation import FULL_SIZE, generate
 from eigenbench.manifest import read_manifest
 from eigenbench.shard_format import shard_name
@@ -187,16 +187,16 @@ def test_the_same_recipe_twice_at_once(tmp_path):
 
 def test_a_late_run_does_not_replace_what_another_recipe_finished(tmp_path, monkeypatch):
     """A shard that another run finishes while ours is being hashed stays, and our run ends with an error."""
-    original = generation.settle
+    original = outputs.settle
 
     def late(staged, task, before_replacing):
         if staged.file == "targets":
-            monkeypatch.setattr(generation, "settle", original)
+            monkeypatch.setattr(outputs, "settle", original)
             (tmp_path / "tube" / "test" / "inputs-00000.h5").unlink()
             generate("tube", "test", 30, tmp_path, seed=2, workers=1)
         original(staged, task, before_replacing)
 
-    monkeypatch.setattr(generation, "settle", late)
+    monkeypatch.setattr(outputs, "settle", late)
     with pytest.raises(UsageError, match="has another recipe: another run uses the folder"):
         generate("tube", "test", 30, tmp_path, seed=1, workers=1)
     verify(tmp_path)

@@ -17,6 +17,7 @@ from eigenbench.shard_format import FIELDS, FILES, REASONS, fields_of
 FOLDERS = {"benchmark": "eigenbench", "generators": "eigenbench.generators"}
 FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
+HEAVY += ("distributed", "fsspec")
 
 
 def imports_of(path: Path) -> set[str]:
@@ -51,7 +52,7 @@ def test_cli_imports_inside_its_commands():
 
 
 def test_engines_live_behind_one_module_each():
-    """python-fcl, manifold3d, trimesh, numba, h5py and Pillow are imported by one module each."""
+    """python-fcl, manifold3d, trimesh, numba, h5py, Pillow, Dask and fsspec are imported by one module each."""
     homes: dict[str, set[str]] = {}
     for folder in FOLDERS:
         for path in (ROOT / folder).glob("*.py"):
@@ -62,7 +63,7 @@ def test_engines_live_behind_one_module_each():
                     homes.setdefault(module.split(".")[0], set()).add(path.name)
     expected = {"fcl": "fcl_engine.py", "manifold3d": "solids.py", "trimesh": "meshes.py"}
     expected |= {"numba": "compiled.py", "h5py": "shards.py", "torch": "model_host.py"}
-    expected |= {"PIL": "contact_sheets.py"}
+    expected |= {"PIL": "contact_sheets.py", "distributed": "cluster.py", "fsspec": "outputs.py"}
     for engine, home in expected.items():
         assert homes[engine] == {home}
 
