@@ -57,7 +57,10 @@ def print_result(result: dict[str, Any]) -> None:
     for name, interval in scores["references"].items():
         references.add_row(name.replace("_", " "), _percent(interval))
     _console.print(references)
-    for kind, title in (("obj_category", "By object category"), ("margin", "By margin / deciding length")):
+    kinds = {"obj_category": "By object category", "env_category": "By environment category"}
+    for kind, title in (kinds | {"margin": "By margin / deciding length"}).items():
+        if kind == "env_category" and len(scores["by_env_category"]) == 1:
+            continue
         groups = _table(title, "group", "pairs", "accuracy [95 % interval]", "exact measurer")
         for name, group in scores[f"by_{kind}"].items():
             groups.add_row(
@@ -109,6 +112,9 @@ def _print_lengths(scores: dict[str, Any]) -> None:
 def _print_angles(angles: dict[str, Any] | None) -> None:
     if angles is None:
         _console.print("angles: not provided")
+        return
+    if not angles["by_length"]:
+        _console.print("angles: no matched length has a direction")
         return
     table = _table("Angle to the true direction, degrees", "length", "slot", "mean [95 %]", "median", "chance")
     for name, a in angles["by_length"].items():

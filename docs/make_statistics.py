@@ -1,8 +1,9 @@
-"""Draws the pictures of docs/statistics.md from generated data.
+"""Makes the pictures and tables of docs/statistics.md, and the tables of DATA.md, from generated data.
 
-    python docs/make_statistics.py DATA
+    python docs/make_statistics.py DATA [SAMPLED]
 
-where DATA holds `<task>/test` for every task to be drawn (`eigenbench generate --task fit --split test --out DATA`).
+where DATA holds both splits of every task (`eigenbench generate --task fit --out DATA`), and SAMPLED first pairs
+of the same by the other protocol (`--split test --pairs 10000 --protocol sampled --out SAMPLED`), for the table of label noise.
 Needs matplotlib (`pip install -e '.[docs]'`).
 """
 
@@ -23,6 +24,7 @@ from eigenbench.dataset import Dataset, load
 from eigenbench.description import describe
 from eigenbench.geometry import matrices
 from eigenbench.manifest import find_splits
+from eigenbench.noise import label_noise
 from eigenbench.tasks import TaskSpec
 
 OUT = Path(__file__).parent / "statistics"
@@ -33,8 +35,17 @@ EXAMPLES, MAX_COLUMNS = 3, 4
 TARGETS = ("label", "margin", "env_lengths", "obj_lengths", "decides", "binding", "obj_category", "env_category")
 
 
-def main(folder: str) -> None:
-    """Draw every picture from the test splits at or below a folder."""
+ROOT = Path(__file__).parent.parent
+DOCUMENTS = (ROOT / "DATA.md", ROOT / "docs" / "statistics.md")
+
+
+def main(folder: str, sampled: str | None = None) -> None:
+    """Make every table and draw every picture from the splits at or below a folder."""
+    descriptions = describe(folder, measured=True)
+    for document in DOCUMENTS:
+        fill(document, "statistics", statistics_table(descriptions))
+        if sampled is not None:
+            fill(document, "noise", noise_table(label_noise(folder, sampled)))
     splits = [load(f) for f in find_splits(Path(folder)) if f.name == "test"]
     OUT.mkdir(exist_ok=True)
     plt.rcParams |= {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 9}
@@ -43,9 +54,47 @@ def main(folder: str) -> None:
     save(panels(splits, columns, draw_ratios, "environment / object, per length"), "ratios.png")
     save(panels(splits, columns, draw_decides, "share of the negatives that each length decides"), "decides.png")
     save(panels(splits, columns, draw_categories, "share that fits, by category"), "categories.png")
-    save(probes([describe(d.folder)[0] for d in splits]), "probes.png")
+    save(probes([d for d in descriptions if d["recipe"]["split"] == "test"]), "probes.png")
     for dataset in splits:
         save(examples(dataset), f"examples-{dataset.task.name}.png")
+
+
+def fill(document: Path, block: str, lines: list[str]) -> None:
+    """Put lines between the two marks of a block of a document, if it has one."""
+    begin, end = (f"<!-- {block}: {mark} -->" for mark in ("begin", "end"))
+    text = document.read_text(encoding="utf-8")
+    if begin in text:
+        head, _, rest = text.partition(begin)
+        tail = rest.partition(end)[2]
+        document.write_text("\n".join([head + begin, *lines, end + tail]), encoding="utf-8")
+
+
+def statistics_table(descriptions: list[dict[str, Any]]) -> list[str]:
+    """Return the rows of the table of statistics, Markdown."""
+    columns = ("positive", "object only", "environment only", "majority", "lengths give", "within 10 %")
+    head = ("task", "split", "pairs", *columns, "measurer", "calibrated", "decides, of the negatives")
+    rows = [head, ["---"] * len(head)]
+    for d in descriptions:
+        probes, measurer, recipe = d["probes"], d["measurer"], d["recipe"]
+        shares = [d["positive_rate"], probes["object_only"], probes["environment_only"], probes["majority"]]
+        shares += [d["rule_explains"], d["near_boundary"], measurer["exact"], measurer["calibrated"]]
+        decides = ", ".join(f"{n} {v['decides_negatives']:.0%}" for n, v in d["lengths"].items() if v["binds"])
+        cells = [f"`{recipe['task']}`", recipe["split"], f"{recipe['pairs']:,}", *(f"{100 * s:.1f}" for s in shares)]
+        rows.append([*cells, decides])
+    return ["| " + " | ".join(row) + " |" for row in rows]
+
+
+def noise_table(noise: list[dict[str, Any]]) -> list[str]:
+    """Return the rows of the table of label noise, Markdown."""
+    near = [f"lost within {float(limit):.0%}" for limit in noise[0]["lost_within"]]
+    head = ("task", "pairs", "positives", "lost", "of pairs", "of positives", *near, "largest missed margin", "gained")
+    rows = [head, ["---"] * len(head)]
+    for r in noise:
+        within = [w["lost"] / max(w["positives"], 1) for w in r["lost_within"].values()]
+        shares = [r["lost"] / r["pairs"], r["lost"] / r["positives"], *within, r["largest_lost_margin"] or 0.0]
+        counts = [f"{r[k]:,}" for k in ("pairs", "positives", "lost")]
+        rows.append([f"`{r['task']}`", *counts, *(f"{s:.2%}" for s in shares), str(r["gained"])])
+    return ["| " + " | ".join(row) + " |" for row in rows]
 
 
 def save(figure: Figure, name: str) -> None:
@@ -201,6 +250,6 @@ def in_scene(pair: dict[str, Any], task: TaskSpec) -> tuple[Any, Any, dict[int, 
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python docs/make_statistics.py DATA")
-    main(sys.argv[1])
+    if len(sys.argv) not in (2, 3):
+        sys.exit("usage: python docs/make_statistics.py DATA [SAMPLED]")
+    main(*sys.argv[1:])

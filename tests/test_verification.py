@@ -1,38 +1,29 @@
 """What verify demands of every task: nothing of good data, and each rule is broken by a forgery that it names."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from material import EVERY as NAMES
 
 from eigenbench.generators.generation import generate
 from eigenbench.manifest import Manifest, read_manifest
 from eigenbench.records import Arrays
 from eigenbench.shard_format import REASONS
 from eigenbench.shards import read_shard
-from eigenbench.tasks import TASKS, find_task
+from eigenbench.tasks import find_task
 from eigenbench.verification import faults, verify
 
-NAMES = (*TASKS, "box-110010")
-PAIRS = 80
 Files = dict[str, Arrays]
 
 
-@pytest.fixture(scope="session")
-def folders(tmp_path_factory) -> dict[str, Path]:
-    """Return a test split of every task and of a box with a lonely floor."""
-    out = tmp_path_factory.mktemp("every")
-    return {name: next(iter(generate(name, "test", PAIRS, out, workers=1, audit=0.0))) for name in NAMES}
-
-
 @pytest.fixture
-def split(folders) -> Callable[[str], tuple[Files, Manifest]]:
+def split(every_task) -> Callable[[str], tuple[Files, Manifest]]:
     """Return a function that reads the arrays and the manifest of a task's split."""
 
     def read(name: str) -> tuple[Files, Manifest]:
-        folder = folders[name]
+        folder = every_task[name]
         files = {f: read_shard(folder / f"{f}-00000.h5", f, find_task(name)) for f in ("inputs", "targets")}
         return {f: {k: v.copy() for k, v in arrays.items()} for f, arrays in files.items()}, read_manifest(folder)
 
@@ -56,9 +47,9 @@ def first(t: Arrays, label: bool, start: int = 0) -> int:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_good_data(folders, name):
+def test_good_data(every_task, name):
     """Every task's data keep every rule."""
-    assert list(verify(folders[name])) == [folders[name]]
+    assert list(verify(every_task[name])) == [every_task[name]]
 
 
 @pytest.mark.parametrize("protocol", ["sampled", "exact"])
