@@ -58,7 +58,7 @@ def _longest(t: Arrays, points: NDArray[np.float32], task: TaskSpec) -> Floats:
     In the scene's frame for what is drawn afresh there; in the world's for shapes, which are measured as they stand.
     """
     if task.rotated and task.environment is None:
-        return extents_along(points, matrices(t["env_rotation"]).transpose(0, 2, 1)).max(axis=1)
+        return np.asarray(extents_along(points, matrices(t["env_rotation"]).transpose(0, 2, 1)).max(axis=1))
     return np.asarray((points.max(axis=1) - points.min(axis=1)).max(axis=1), dtype=np.float64)
 
 

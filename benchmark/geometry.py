@@ -26,17 +26,17 @@ def matrices(quaternions: Floats) -> Floats:
     return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
 
 
-def offsets_along(points: NDArray[np.float32], directions: Floats) -> tuple[Floats, Floats]:
+def offsets_along(points: NDArray[np.floating], directions: Floats) -> tuple[Floats, Floats]:
     """Return the (n, S') lowest and highest offsets of clouds (n, m, 3) along unit directions (n, S', 3).
 
     NaN where a direction is: a length without one.
     """
-    known = ~np.isnan(directions).any(axis=2)
+    known = np.asarray(~np.isnan(directions).any(axis=2))
     along = np.matmul(np.where(known[:, :, None], directions, 0.0), points.astype(np.float64).transpose(0, 2, 1))
     return np.where(known, along.min(axis=2), np.nan), np.where(known, along.max(axis=2), np.nan)
 
 
-def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
+def extents_along(points: NDArray[np.floating], directions: Floats) -> Floats:
     """Return (n, S') extents of clouds (n, m, 3) along unit directions (n, S', 3); NaN where a direction is."""
     low, high = offsets_along(points, directions)
     return high - low
@@ -44,7 +44,7 @@ def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
 
 def reach(points: NDArray[np.floating]) -> Floats:
     """Return the (n,) largest distances of the points (n, m, d) of clouds from the origin."""
-    return np.sqrt(np.einsum("nmd,nmd->nm", points, points, dtype=np.float64).max(axis=1))
+    return np.asarray(np.sqrt(np.einsum("nmd,nmd->nm", points, points, dtype=np.float64).max(axis=1)))
 
 
 def enclosing_radius(points: NDArray[np.floating]) -> Floats:

@@ -3,7 +3,7 @@
     python docs/make_statistics.py DATA [SAMPLED]
 
 where DATA holds both splits of every task (`eigenbench generate --task fit --out DATA`), and SAMPLED first pairs
-of the same by the other protocol (`--split test --pairs 10000 --protocol sampled --out SAMPLED`), for the table of label noise.
+of the same by the other protocol (`--split test --pairs 10000 --protocol sampled --out SAMPLED`), for label noise.
 Needs matplotlib (`pip install -e '.[docs]'`).
 """
 
