@@ -11,6 +11,8 @@ from eigenbench.checking import Finding
 from eigenbench.errors import printable
 from eigenbench.tasks import SPLITS
 
+_WIDE = 220
+"""Columns of the tables of all tasks: a narrow terminal wraps them, but nothing is cut off."""
 _NAMED = 8
 """Shapes named after a reason why they are left out."""
 
@@ -210,7 +212,7 @@ def print_statistics(descriptions: Sequence[dict[str, Any]]) -> None:
         r = d["recipe"]
         cells = (f"{r['pairs']:,}", f"{d['positive_rate']:.2%}", *(_share(s) for s in shares))
         table.add_row(r["task"], r["split"], *cells, decides)
-    _console.print(table)
+    _console.print(table, width=_WIDE)
 
 
 def print_noise(rows: Sequence[dict[str, Any]]) -> None:
@@ -233,7 +235,7 @@ def print_noise(rows: Sequence[dict[str, Any]]) -> None:
             _share(r["largest_lost_margin"]),
             f"{r['gained']:,}",
         )
-    _console.print(table)
+    _console.print(table, width=_WIDE)
 
 
 def _share(value: float | None) -> str:
