@@ -17,6 +17,7 @@ _NAMED = 8
 """Shapes named after a reason why they are left out."""
 
 _console = Console(highlight=False, soft_wrap=True, markup=False)
+_wide = Console(highlight=False, soft_wrap=True, markup=False, width=_WIDE)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -212,7 +213,7 @@ def print_statistics(descriptions: Sequence[dict[str, Any]]) -> None:
         r = d["recipe"]
         cells = (f"{r['pairs']:,}", f"{d['positive_rate']:.2%}", *(_share(s) for s in shares))
         table.add_row(r["task"], r["split"], *cells, decides)
-    _console.print(table, width=_WIDE)
+    _wide.print(table)
 
 
 def print_noise(rows: Sequence[dict[str, Any]]) -> None:
@@ -235,7 +236,7 @@ def print_noise(rows: Sequence[dict[str, Any]]) -> None:
             _share(r["largest_lost_margin"]),
             f"{r['gained']:,}",
         )
-    _console.print(table, width=_WIDE)
+    _wide.print(table)
 
 
 def _share(value: float | None) -> str:
