@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import eigenbench
 from eigenbench.cli import app
+from eigenbench.cloud_rules import CLOUD_GRAIN
 from eigenbench.dataset import load
 from eigenbench.description import describe
 from eigenbench.errors import DataError
@@ -67,10 +68,13 @@ def test_measurer(every_task, name):
     data = load(every_task[name])
     found = measure(data.task, data.blocks(MEASURED_FIELDS))
     binding = data.column("binding")
-    for side, least in (("env", 0.99), ("obj", 0.85)):
-        share = (getattr(found, f"{side}_lengths") / data.column(f"{side}_lengths"))[binding]
-        assert np.all(share < 1 + 1e-3)
-        assert np.all(share > (1 if side == "env" and data.task.family in TRUE_ENVIRONMENT else least) - 1e-9)
+    for side in ("env", "obj"):
+        measured, true = getattr(found, f"{side}_lengths"), data.column(f"{side}_lengths")
+        assert np.all(measured[binding] <= true[binding] + 4 * CLOUD_GRAIN)
+        if side == "env" and data.task.family in TRUE_ENVIRONMENT:
+            assert np.array_equal(measured, true)
+        share = (measured / true)[binding]
+        assert np.all(share > 0.7)
         assert share.mean() > 0.97
     t = {n: data.column(n) for n in ("env_lengths", "obj_lengths", "label")}
     assert rule_explains(t, data.task) == 1 if data.task.ruled else rule_explains(t, data.task) > 0.8
