@@ -130,7 +130,6 @@ def test_label_noise(every_task, tmp_path):
             assert np.array_equal(first.column(field)[:60], second.column(field), equal_nan=field != "pair_id")
         assert row["gained"] == 0
         assert row["lost"] == int((first.column("label")[:60] & ~second.column("label")).sum())
-    assert rows[0]["lost"] > 0
     shown = CliRunner().invoke(app, ["info", str(every_task["sphere"]), "--against", str(tmp_path)])
     assert shown.exit_code == 0, shown.output
     shown = CliRunner().invoke(app, ["info", str(every_task["fit"]), "--against", str(tmp_path), "--json"])
