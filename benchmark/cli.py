@@ -139,15 +139,27 @@ def _summary(folder: Path | str, manifest: Any) -> dict[str, Any]:
 @app.command()
 def info(
     folder: Annotated[Path, typer.Argument(help="A split, a task or an output folder.")],
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Also measure every cloud: the ceiling of a score.")
+    ] = False,
+    against: Annotated[Path | None, typer.Option(help="The same pairs by another protocol: print label noise.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what a data folder holds and how far one side alone gives the label away."""
+    """Say what a data folder holds and what its data are like; a table of all tasks if there are several."""
     from eigenbench.description import describe
-    from eigenbench.tables import print_description
+    from eigenbench.noise import label_noise
+    from eigenbench.tables import print_description, print_noise, print_statistics
 
-    descriptions = describe(folder)
+    if against is not None:
+        rows = label_noise(folder, against)
+        print(json.dumps(rows)) if as_json else print_noise(rows)
+        return
+    descriptions = describe(folder, measure)
     if as_json:
         print(json.dumps(descriptions))
+        return
+    if len({d["recipe"]["task"] for d in descriptions}) > 1:
+        print_statistics(descriptions)
         return
     for description in descriptions:
         print_description(description)
