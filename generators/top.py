@@ -22,6 +22,7 @@ from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
 from eigenbench.generators.outlines import (
+    convex_hull,
     guided_rectangles,
     half_planes,
     is_convex,
@@ -297,7 +298,7 @@ def sweep(key: Key, pair: int, law: Law, tables: TopTables, rows: Rows, row: int
     shape, thing = rows.env_index[row], rows.obj_index[row]
     size = rows.obj_scale[row] / rows.env_size[row]
     outline = tops.outline[tops.outline_start[shape] : tops.outline_start[shape + 1]]
-    hull = np.ascontiguousarray(hull_in_scene(objects, rows, row)[:, :2])
+    hull = convex_hull(np.ascontiguousarray(hull_in_scene(objects, rows, row)[:, :2]))
     first, last = objects.face_start[thing], objects.face_start[thing + 1]
     flat = projected(objects.triangles, first, last, scene_from_object(rows, row))
     places, witnesses = candidates(key, pair, True, tables, rows, row)
