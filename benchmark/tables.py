@@ -1,6 +1,7 @@
 """Results and descriptions as text for a terminal."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -9,6 +10,7 @@ from rich.table import Table
 
 from eigenbench.checking import Finding
 from eigenbench.errors import printable
+from eigenbench.manifest import MANIFEST, Manifest
 from eigenbench.tasks import SPLITS
 
 _WIDE = 220
@@ -281,3 +283,40 @@ def print_findings(findings: Sequence[Finding]) -> None:
     for finding in findings:
         mark = {True: "ok  ", False: "FAIL", None: "--  "}[finding.passed]
         _console.print(f"{mark}  {finding.name}: {finding.seen}")
+
+
+def print_made(manifests: Mapping[Path | str, Manifest]) -> None:
+    """Print what was generated, by folder or address: a line a split of one task, a table of several tasks."""
+    if len({m.recipe.task for m in manifests.values()}) > 1:
+        _print_table_made(manifests)
+    else:
+        for folder, m in manifests.items():
+            _print_line_made(folder, m)
+    refused = {name: reason for m in manifests.values() for name, reason in m.shapes_refused.items()}
+    for name, reason in refused.items():
+        _console.print(printable(f"  not used: {name}: {reason}"))
+
+
+def _print_line_made(folder: Path | str, m: Manifest) -> None:
+    _console.print(
+        f"{folder}: {m.recipe.pairs:,} pairs, {m.positive_rate:.1%} positive, "
+        f"{m.audit.relabelled} labels and {m.audit.confirmed} witnesses checked by FCL, "
+        f"{m.audit.mismatches} mismatches, digest {m.digest[:16]}"
+    )
+    if count := len(m.shapes_left_out):
+        _console.print(
+            f"  left out: {count} shape{'s' * (count > 1)} that the task does not draw; "
+            f"{folder}/{MANIFEST} names each with the reason"
+        )
+
+
+def _print_table_made(manifests: Mapping[Path | str, Manifest]) -> None:
+    columns = ("pairs", "positive", "labels", "witnesses", "mismatches", "left out", "digest")
+    table = _table("Generated (labels, witnesses: checked by FCL)", "folder", *columns)
+    for folder, m in manifests.items():
+        numbers = (m.audit.relabelled, m.audit.confirmed, m.audit.mismatches, len(m.shapes_left_out))
+        shares = (f"{m.recipe.pairs:,}", f"{m.positive_rate:.1%}")
+        table.add_row(printable(str(folder)), *shares, *(f"{n:,}" for n in numbers), m.digest[:16])
+    _console.print(table)
+    if any(m.shapes_left_out for m in manifests.values()):
+        _console.print(f"left out: shapes that the task does not draw; each folder's {MANIFEST} names them")

@@ -59,7 +59,7 @@ class Block:
     def witnesses(self, row: int) -> Floats:
         """Return the (k, 3) witnesses that a row's placements have, in the order in which they are tried."""
         maker = self.maker
-        alone = Rows(*(values[row : row + 1].copy() for values in self.rows))
+        alone = Rows._make(values[row : row + 1].copy() for values in self.rows)
         key, pair = key_of(maker.recipe), self.first + row
         found = maker.family.placements(key, pair, maker.law, maker.references, by_reference(alone), 0)
         return np.asarray(found)
@@ -80,7 +80,7 @@ def build(maker: Maker, first: int, count: int, clouds: bool = True) -> Block:
 
 
 def _rows(targets: Arrays, count: int) -> Rows:
-    internal = {name: np.zeros(count, dtype) for name, dtype in _INTERNAL.items()}
+    internal: Arrays = {name: np.zeros(count, dtype) for name, dtype in _INTERNAL.items()}
     internal |= {"env_centre": np.zeros((count, 3)), "obj_centre": np.zeros((count, 3)), "sizes": np.zeros((count, 8))}
     return Rows(**{name: targets[name] if name in targets else internal[name] for name in Rows._fields})
 

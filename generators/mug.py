@@ -1,7 +1,7 @@
-"""The task `mug`: a mug, upright, its handle toward +x; the object is a straight peg that must pass the handle's opening.
+"""The task `mug`: a mug, upright, its handle toward +x; the object is a peg that must pass the handle's opening.
 
-The peg lies along the axis of the hole and is longer than any mug, so it passes exactly where its axis keeps farther
-than its radius from the mug: at best in the centre of the largest circle in the silhouette's hole.
+The peg is straight, lies along the axis of the hole and is longer than any mug, so it passes exactly where its axis
+keeps farther than its radius from the mug: at best in the centre of the largest circle in the silhouette's hole.
 """
 
 from typing import NamedTuple
@@ -146,7 +146,7 @@ def placement(key: Key, pair: int, index: int, gaps: Gaps, rows: Rows, row: int)
 
 @kernel
 def clearance(triangles: Floats, first: int, last: int, m: Floats, x: float, y: float, enough: float) -> float:
-    """Return the square of the distance, seen along the peg's axis, of a point to packed triangles; ends below `enough`.
+    """Return the square of the distance, seen along the peg, of a point to packed triangles; ends below `enough`.
 
     `m` (3, 3) has the peg's axis as third column; x and y are along the first two.
     """
