@@ -45,7 +45,9 @@ check: $(VENV)/dev ## format, lint, types, layout
 	MYPYPATH=.typecheck $(BIN)/mypy -p eigenbench
 	$(BIN)/python -m pytest -q tests/test_layout.py
 
-bench: $(VENV)/core ## pairs per second against a plain python-fcl loop, in one run; seconds to build the shapes
+bench: $(VENV)/core ## seconds, memory, ratios to other engines and mismatches of all tasks; BENCH=--quick is a tenth
+	$(BIN)/python tests/bench_tasks.py --out out/mismatches.json $(BENCH)
+	$(BIN)/python tests/bench_fit.py
 	$(BIN)/python tests/bench_tube.py
 	$(BIN)/python tests/bench_shapes.py
 
