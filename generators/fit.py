@@ -20,7 +20,8 @@ from eigenbench.generators.choices import (
     take_environment,
 )
 from eigenbench.generators.circles import enclosing_circle
-from eigenbench.generators.collision import Hints, inside_solid, new_hints, reaching_in, sweep_of, touches
+from eigenbench.generators.collision import Hints, first_free, inside_solid, new_hints, reaching_in, sweep_of
+from eigenbench.generators.collision import Sweep as Contacts
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model, soup_model
@@ -42,6 +43,7 @@ from eigenbench.generators.pairs import (
     measure_along,
     name_pair,
     on_length_grid,
+    quaternion,
     scene_from_object,
     settle,
     size_between,
@@ -53,7 +55,7 @@ from eigenbench.generators.pairs import (
 )
 from eigenbench.generators.philox import Key
 from eigenbench.generators.shapes import Cavity
-from eigenbench.generators.surface import Floats, Surface
+from eigenbench.generators.surface import Floats, Surface, matrix_of
 from eigenbench.generators.trees import Trees, build_trees
 
 GAP = 2.0**-14
@@ -62,12 +64,16 @@ CLEAR = 2.0**-20
 """What lies inside keeps at least that far from the walls, m: rounding never decides."""
 OBJECT = (0.1, 2.0)
 """Diameter of an object under independent draws, log-uniform, m."""
-ROUND = 16
+ROUND = 8
 """Guided placements in an inhabited drum: about the axis, at three depths."""
-GRID = 5
+GRID = 3
 """Guided placements in an inhabited box: evenly from wall to wall, GRID x GRID."""
-HALVINGS = 8
+HALVINGS = 7
 """Of the interval in which the size at which a swept pair just fits is searched."""
+BATCH = 64
+"""Placements that are looked at together."""
+LEAN = 0.88
+"""Objects are drawn against cavities of that share of their size, since what reaches in turns some away."""
 FLUSH = 2.0**-22
 """Faces that reach less than that into a cavity are its walls; over the diameter of the environment."""
 
@@ -106,7 +112,7 @@ FitTables = tuple[Surface, Surface, Choice, Cavities, Trees, Hints]
 
 
 def tables(stock: Stock) -> Tables:
-    """Return (objects, environments, the choice of those with a cavity, their cavities, the objects' trees, contacts)."""
+    """Return (objects, environments, the choice of those with a cavity, cavities, trees of the objects, contacts)."""
     objects, environments = stock.both()
     shapes = [_ordered(m.cavities) for m in environments.measures]
     flat = [c for cavities, _ in shapes for c in cavities]
@@ -159,8 +165,24 @@ def _shares(cavities: list[Cavity]) -> NDArray[np.int64]:
 def _obstacles(surface: Surface, shape: int, cavity: Cavity) -> Floats:
     """Return the faces of an environment that reach into a cavity's box."""
     faces = surface.triangles[surface.face_start[shape] : surface.face_start[shape + 1]]
-    chosen = reaching_in(faces, np.array(cavity.low), np.array(cavity.high), FLUSH)
-    return np.ascontiguousarray(faces[chosen])
+    faces = faces[reaching_in(faces, np.array(cavity.low), np.array(cavity.high), FLUSH)]
+    if cavity.axis is not None:
+        middle = (np.array(cavity.low) + np.array(cavity.high)) / 2
+        faces = faces[_distance_to_axis(faces, middle, cavity.axis) < cavity.radius - FLUSH]
+    return np.ascontiguousarray(faces)
+
+
+def _distance_to_axis(faces: Floats, middle: Floats, axis: int) -> Floats:
+    """Return the least distance (n,) of faces, a corner and two edges, to the line through a point along an axis."""
+    a, b = across(axis)
+    corners = np.stack([faces[:, 0], faces[:, 0] + faces[:, 1], faces[:, 0] + faces[:, 2]], axis=1) - middle
+    flat = corners[:, :, [a, b]]
+    edges = np.roll(flat, -1, axis=1) - flat
+    squares = np.maximum((edges**2).sum(axis=2), 1e-300)
+    along = np.clip(-(flat * edges).sum(axis=2) / squares, 0.0, 1.0)
+    nearest = np.linalg.norm(flat + along[:, :, None] * edges, axis=2).min(axis=1)
+    turns = flat[:, :, 0] * edges[:, :, 1] - flat[:, :, 1] * edges[:, :, 0]
+    return np.where(np.all(turns > 0, axis=1) | np.all(turns < 0, axis=1), 0.0, nearest)
 
 
 def left_out(stock: Stock) -> dict[str, str]:
@@ -191,12 +213,22 @@ def roomiest(cavities: Cavities, shape: int, hull: Floats, box: Floats) -> float
     """Return the largest scale of a posed hull that fits a cavity of an environment if nothing reaches into it."""
     largest = 0.0
     for c in range(cavities.start[shape], cavities.start[shape + 1]):
-        largest = max(largest, room_of(cavities, c, hull, box))
+        largest = max(largest, limit_of(cavities, c, hull, box))
     return largest
 
 
 @kernel
-def room_of(cavities: Cavities, c: int, hull: Floats, box: Floats) -> float:
+def room_of(cavities: Cavities, c: int, scale: float) -> Floats:
+    """Return low (3), high (3) and radius of a cavity of an environment of size `scale`, m."""
+    room = np.zeros(7)
+    for k in range(3):
+        room[k], room[3 + k] = scale * cavities.low[c, k], scale * cavities.high[c, k]
+    room[6] = scale * cavities.radius[c]
+    return room
+
+
+@kernel
+def limit_of(cavities: Cavities, c: int, hull: Floats, box: Floats) -> float:
     """Return the largest scale of a posed hull that fits one cavity if nothing reaches into it, packed frame."""
     axis, scale = cavities.axis[c], np.inf
     for k in range(3):
@@ -208,183 +240,308 @@ def room_of(cavities: Cavities, c: int, hull: Floats, box: Floats) -> float:
 
 
 @kernel
-def guided_of(cavities: Cavities, c: int) -> int:
+def guided_of(inhabited: bool, axis: int) -> int:
     """Return how many guided placements a cavity has."""
-    if not cavities.inhabited[c]:
+    if not inhabited:
         return 1
-    return 1 + (GRID * GRID if cavities.axis[c] < 0 else 3 * ROUND)
+    return 1 + (GRID * GRID if axis < 0 else 3 * ROUND)
 
 
 @kernel
 def placement(
     key: Key,
     pair: int,
-    c: int,
     index: int,
+    guided: int,
     first: int,
-    cavities: Cavities,
-    scale: float,
+    axis: int,
+    room: Floats,
+    circle: Point,
     size: float,
-    hull: Floats,
     box: Floats,
 ) -> Point:
-    """Return placement `index` of cavity c for a posed hull times `size`: guided ones, then sampled from `first` on.
+    """Return placement `index` of a cavity for a posed hull times `size`: guided ones, then sampled from `first` on.
 
     In a box the object stands on the floor: 0 in the middle, then a grid from wall to wall, then anywhere. In a drum
-    along z the same with its circle; in a lying drum, whose floor is round, anywhere in the cylinder. `scale` is the
-    environment's size, of which the cavities are in units.
+    along z the same with its circle; in a lying drum, whose floor is round, anywhere in the cylinder. `room` is from
+    `room_of`, `circle` from `circle_about` for a drum, `box` of the hull.
     """
-    axis, guided = cavities.axis[c], guided_of(cavities, c)
-    t = np.zeros(3)
-    u, v, w = spread(key, pair, first + index - guided + 1)
-    if axis < 0:
-        for k in range(2):
-            low, high = scale * cavities.low[c, k], scale * cavities.high[c, k]
-            middle = 0.5 * (low + high)
-            if index >= guided:
-                middle = low + (u if k == 0 else v) * (high - low)
-            elif index > 0:
-                room = max(0.0, 0.5 * (high - low) - 0.5 * size * (box[1, k] - box[0, k]) - GAP)
-                step = (index - 1) // GRID if k == 0 else (index - 1) % GRID
-                middle += room * (2.0 * step / (GRID - 1.0) - 1.0)
-            t[k] = middle - 0.5 * size * (box[0, k] + box[1, k])
-        t[2] = scale * cavities.low[c, 2] + GAP - size * box[0, 2]
-        return t[0], t[1], t[2]
-    a, b = across(axis)
-    ca, cb, circle = circle_about(hull, axis)
-    low, high = scale * cavities.low[c, axis], scale * cavities.high[c, axis]
-    depth, share = size * (box[1, axis] - box[0, axis]), 0.5
-    t[a] = 0.5 * scale * (cavities.low[c, a] + cavities.high[c, a]) - size * ca
-    t[b] = 0.5 * scale * (cavities.low[c, b] + cavities.high[c, b]) - size * cb
+    u, v, w = 0.5, 0.5, 0.5
     if index >= guided:
-        x, y = unit_circle(u)
-        away = np.sqrt(v) * scale * cavities.radius[c]
-        t[a] += size * ca + away * x - 0.5 * size * (box[0, a] + box[1, a])
-        t[b] += size * cb + away * y - 0.5 * size * (box[0, b] + box[1, b])
-        share = w
-    elif index > 0:
-        x, y = unit_circle(((index - 1) % ROUND) / ROUND)
-        away = max(0.0, scale * cavities.radius[c] - size * circle - GAP)
-        t[a] += away * x
-        t[b] += away * y
-        share = 0.5 * ((index - 1) // ROUND)
-    room = high - low - depth
-    t[axis] = (
-        low - size * box[0, axis] + (GAP if axis == 2 else min(max(share * room, GAP), max(room - GAP, 0.5 * room)))
-    )
+        u, v, w = spread(key, pair, first + index - guided + 1)
+    if axis < 0:
+        x = on_line(u, index, guided, (index - 1) // GRID, room[0], room[3], size * box[0, 0], size * box[1, 0])
+        y = on_line(v, index, guided, (index - 1) % GRID, room[1], room[4], size * box[0, 1], size * box[1, 1])
+        return x, y, room[2] + GAP - size * box[0, 2]
+    a, b = across(axis)
+    t = np.zeros(3)
+    t[a], t[b], share = 0.5 * (room[a] + room[3 + a]), 0.5 * (room[b] + room[3 + b]), w
+    if index >= guided:
+        c, s = unit_circle(u)
+        away = np.sqrt(v) * room[6]
+        t[a] += away * c - 0.5 * size * (box[0, a] + box[1, a])
+        t[b] += away * s - 0.5 * size * (box[0, b] + box[1, b])
+    else:
+        t[a] -= size * circle[0]
+        t[b] -= size * circle[1]
+        if index > 0:
+            c, s = unit_circle(((index - 1) % ROUND) / ROUND)
+            away = max(0.0, room[6] - size * circle[2] - GAP)
+            t[a] += away * c
+            t[b] += away * s
+            share = 0.5 * ((index - 1) // ROUND)
+    spare = room[3 + axis] - room[axis] - size * (box[1, axis] - box[0, axis])
+    at = GAP if axis == 2 else min(max(share * spare, GAP), max(spare - GAP, 0.5 * spare))
+    t[axis] = room[axis] - size * box[0, axis] + at
     return t[0], t[1], t[2]
 
 
 @kernel
-def is_within(cavities: Cavities, c: int, scale: float, size: float, hull: Floats, box: Floats, t: Point) -> bool:
+def on_line(
+    u: float, index: int, guided: int, step: int, low: float, high: float, box_low: float, box_high: float
+) -> float:
+    """Return where a placement in a box puts the object along one axis of the floor."""
+    middle = 0.5 * (low + high)
+    if index >= guided:
+        middle = low + u * (high - low)
+    elif index > 0:
+        spare = max(0.0, 0.5 * (high - low) - 0.5 * (box_high - box_low) - GAP)
+        middle += spare * (2.0 * step / (GRID - 1.0) - 1.0)
+    return middle - 0.5 * (box_low + box_high)
+
+
+@kernel
+def is_within(axis: int, room: Floats, size: float, hull: Floats, box: Floats, x: float, y: float, z: float) -> bool:
     """Say whether a posed hull times `size` lies inside a cavity at a placement, clear of its walls."""
-    axis = cavities.axis[c]
+    t = (x, y, z)
     for k in range(3):
-        if axis < 0 or k == axis:
-            at = t[k]
-            if (
-                at + size * box[0, k] < scale * cavities.low[c, k] + CLEAR
-                or at + size * box[1, k] > scale * cavities.high[c, k] - CLEAR
-            ):
-                return False
+        if (axis < 0 or k == axis) and (
+            t[k] + size * box[0, k] < room[k] + CLEAR or t[k] + size * box[1, k] > room[3 + k] - CLEAR
+        ):
+            return False
     if axis < 0:
         return True
     a, b = across(axis)
-    reach = scale * cavities.radius[c] - CLEAR
-    x = t[a] - 0.5 * scale * (cavities.low[c, a] + cavities.high[c, a])
-    y = t[b] - 0.5 * scale * (cavities.low[c, b] + cavities.high[c, b])
+    reach = room[6] - CLEAR
+    p, q = t[a] - 0.5 * (room[a] + room[3 + a]), t[b] - 0.5 * (room[b] + room[3 + b])
     for i in range(len(hull)):
-        dx, dy = x + size * hull[i, a], y + size * hull[i, b]
+        dx, dy = p + size * hull[i, a], q + size * hull[i, b]
         if dx * dx + dy * dy > reach * reach:
             return False
     return True
 
 
 @kernel
-def is_buried(environments: Surface, shape: int, scale: float, size: float, hull: Floats, t: Point) -> bool:
-    """Say whether an object that touches nothing lies inside of a solid, whose surface is hollow."""
-    point = np.zeros(3)
+def settled(frame: Floats, x: float, y: float, z: float) -> Point:
+    """Return a placement as it counts: with its witness on the grid, see `pairs.settle`; `frame` is from `frame_of`."""
+    p, q, r = 0.0, 0.0, 0.0
     for k in range(3):
-        point[k] = (size * hull[0, k] + t[k]) / scale
-    first, last = environments.face_start[shape], environments.face_start[shape + 1]
-    return inside_solid(point, environments.triangles[first:last])
+        moved = frame[k, 0] * x + frame[k, 1] * y + frame[k, 2] * z - frame[3, k]
+        moved = on_length_grid(moved) + frame[3, k]
+        p += frame[k, 0] * moved
+        q += frame[k, 1] * moved
+        r += frame[k, 2] * moved
+    return p, q, r
 
 
 @kernel
-def first_in(
+def frame_of(rows: Rows, row: int) -> Floats:
+    """Return the scene's rotation and, as fourth row, what a witness lacks to the object's origin."""
+    m, frame = matrix_of(quaternion(rows.env_rotation[row])), np.zeros((4, 3))
+    for k in range(3):
+        frame[0, k], frame[1, k], frame[2, k] = m[0, k], m[1, k], m[2, k]
+        frame[3, k] = rows.env_centre[row, k] - rows.obj_centre[row, k]
+    return frame
+
+
+@kernel
+def inside_at(
     key: Key,
     pair: int,
-    c: int,
     begin: int,
     end: int,
+    guided: int,
     first: int,
+    axis: int,
+    room: Floats,
+    circle: Point,
     size: float,
     hull: Floats,
     box: Floats,
-    tables: FitTables,
-    rows: Rows,
-    row: int,
-) -> int:
-    """Return the first of the placements begin to end - 1 of a cavity at which the object of a size is free, -1 if none.
+    frame: Floats,
+    places: Floats,
+    indices: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Collect placements from `begin` on that lie inside a cavity; return how many, and where to go on.
 
-    Its witness is left in the row.
+    `places` and `indices` receive them, as many as they hold. Without a frame (0, 3) they are not rounded.
     """
-    objects, environments, _choice, cavities, trees, hints = tables
-    shape, thing, scale = rows.env_index[row], rows.obj_index[row], rows.env_size[row]
-    inhabited = cavities.inhabited[c]
-    pose = scene_from_object(rows, row)
-    for i in range(3):
-        for j in range(3):
-            pose[i, j] *= size / scale
-    start, stop = cavities.obstacle_start[c], cavities.obstacle_start[c + 1]
-    obstacles = cavities.obstacles[start:stop]
-    sweep = sweep_of(objects.triangles, objects.face_start, trees, thing, pose, obstacles, hints)
-    for index in range(begin, end):
-        t = placement(key, pair, c, index, first, cavities, scale, size, hull, box)
-        if size == rows.obj_scale[row]:
-            t = settle(rows, row, t)
-        if not is_within(cavities, c, scale, size, hull, box, t):
-            continue
-        if not inhabited:
-            return index
-        if touches(sweep, t[0] / scale, t[1] / scale, t[2] / scale):
-            continue
-        if not is_buried(environments, shape, scale, size, hull, t):
-            return index
+    count, index = 0, begin
+    while index < end and count < len(places):
+        x, y, z = placement(key, pair, index, guided, first, axis, room, circle, size, box)
+        if len(frame) > 0:
+            x, y, z = settled(frame, x, y, z)
+        if is_within(axis, room, size, hull, box, x, y, z):
+            places[count, 0], places[count, 1], places[count, 2] = x, y, z
+            indices[count] = index
+            count += 1
+        index += 1
+    return count, index
+
+
+@kernel
+def first_free_of(
+    places: Floats, count: int, sweep: Contacts, scale: float, corner: Floats, size: float, faces: Floats
+) -> int:
+    """Return the first of `count` placements at which the object touches nothing and is not inside of a solid.
+
+    `sweep` and `faces`, those of the environment, are in units of `scale`; `corner` (3,) is a hull vertex at size 1.
+    """
+    point, start = np.zeros(3), 0
+    for i in range(count):
+        for k in range(3):
+            places[i, k] /= scale
+    while start < count:
+        found = first_free(sweep, places[start:count])
+        if found < 0:
+            return -1
+        start += found
+        for k in range(3):
+            point[k] = places[start, k] + size / scale * corner[k]
+        if not inside_solid(point, faces):
+            return start
+        start += 1
     return -1
 
 
 @kernel
-def largest_in(
+def pose_of(turn: Floats, ratio: float) -> Floats:
+    """Return a rotation times a size."""
+    pose = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            pose[i, j] = turn[i, j] * ratio
+    return pose
+
+
+@kernel
+def search(
     key: Key,
     pair: int,
-    c: int,
-    free: int,
+    begin: int,
+    end: int,
+    guided: int,
     first: int,
-    room: float,
+    axis: int,
+    room: Floats,
+    circle: Point,
+    size: float,
     hull: Floats,
     box: Floats,
-    tables: FitTables,
-    rows: Rows,
-    row: int,
-) -> float:
-    """Return the size up to which an object fits an inhabited cavity, at its guided placements and at `free`.
+    frame: Floats,
+    sweep: Contacts,
+    scale: float,
+    faces: Floats,
+) -> int:
+    """Return the first of the placements begin to end - 1 of an inhabited cavity that is free, -1 if none is."""
+    places, indices = np.zeros((BATCH, 3)), np.zeros(BATCH, dtype=np.int64)
+    while begin < end:
+        count, begin = inside_at(
+            key, pair, begin, end, guided, first, axis, room, circle, size, hull, box, frame, places, indices
+        )
+        found = first_free_of(places, count, sweep, scale, hull[0], size, faces)
+        if found >= 0:
+            return int(indices[found])
+    return -1
 
-    By bisection, to 2^-HALVINGS of the interval: above the object's size where placement `free` >= 0 is free, below it
-    where no placement is. `room` is the size that nothing can exceed.
+
+@kernel
+def sweep_cavity(
+    key: Key,
+    pair: int,
+    begin: int,
+    end: int,
+    guided: int,
+    first: int,
+    axis: int,
+    room: Floats,
+    circle: Point,
+    hull: Floats,
+    box: Floats,
+    frame: Floats,
+    size: float,
+    limit: float,
+    best: float,
+    turn: Floats,
+    shape: int,
+    objects: Surface,
+    trees: Trees,
+    hints: Hints,
+    obstacles: Floats,
+    scale: float,
+    faces: Floats,
+) -> tuple[int, float]:
+    """Return (free, fits): the first free placement of an inhabited cavity, and the size up to which the object fits.
+
+    The latter by bisection, to 2^-HALVINGS of the interval, over the guided placements and `free`: from the object's
+    size to `limit`, which nothing can exceed, where a placement is free, and from 0 where none is. It is not sought
+    where it cannot exceed `best`.
     """
-    size, guided = rows.obj_scale[row], guided_of(tables[3], c)
-    low, high = (size, room) if free >= 0 else (0.0, min(size, room))
+    contacts = sweep_of(
+        objects.triangles, objects.face_start, trees, shape, pose_of(turn, size / scale), obstacles, hints
+    )
+    free = search(
+        key, pair, begin, end, guided, first, axis, room, circle, size, hull, box, frame, contacts, scale, faces
+    )
+    low, high = (size, limit) if free >= 0 else (0.0, min(size, limit))
+    if high <= best:
+        return free, low
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        fits = first_in(key, pair, c, 0, guided, first, middle, hull, box, tables, rows, row) >= 0
-        if not fits and free >= guided:
-            fits = first_in(key, pair, c, free, free + 1, first, middle, hull, box, tables, rows, row) >= 0
-        if fits:
+        pose = pose_of(turn, middle / scale)
+        contacts = sweep_of(objects.triangles, objects.face_start, trees, shape, pose, obstacles, hints)
+        found = search(
+            key,
+            pair,
+            0,
+            guided,
+            guided,
+            first,
+            axis,
+            room,
+            circle,
+            middle,
+            hull,
+            box,
+            frame[:0],
+            contacts,
+            scale,
+            faces,
+        )
+        if found < 0 and free >= guided:
+            found = search(
+                key,
+                pair,
+                free,
+                free + 1,
+                guided,
+                first,
+                axis,
+                room,
+                circle,
+                middle,
+                hull,
+                box,
+                frame[:0],
+                contacts,
+                scale,
+                faces,
+            )
+        if found >= 0:
             low = middle
         else:
             high = middle
-    return low
+    return free, low
 
 
 @kernel
@@ -419,10 +576,10 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: FitTables, rows: R
     shape, scale = rows.env_index[row], rows.env_size[row]
     hull = turn_object(key, pair, attempt, objects, rows, row)
     box = box_of(hull)
-    critical = roomiest(cavities, shape, hull, box) * scale
+    critical = LEAN * roomiest(cavities, shape, hull, box) * scale
     if is_between(key, pair, attempt, law):
         other, other_scale = drawn_environment(key, pair, attempt, OTHER_SHAPE, choice)
-        other_size = roomiest(cavities, other, hull, box) * other_scale * choice.diameters[other]
+        other_size = LEAN * roomiest(cavities, other, hull, box) * other_scale * choice.diameters[other]
         size = size_between(key, pair, attempt, critical, other_size, rows, row)
         if size == 0.0:
             return False
@@ -447,53 +604,143 @@ def label(
 ) -> bool:
     """Label a drawn pair by its cavities in turn; False if it lies too near its boundary.
 
-    The margin is the best cavity's. An inhabited one is swept only if its box has room, and measured only if it could
-    have the larger margin.
+    The margin is the best cavity's. An inhabited one is swept only if its box has room for the object, and measured only
+    if it could have the larger margin.
     """
     cavities = tables[3]
     shape, scale, size = rows.env_index[row], rows.env_size[row], rows.obj_scale[row]
-    best, margin, found, swept, first = -1, -np.inf, False, False, 0
-    witness = np.zeros(3)
+    best, margin, swept, first, found, where = -1, -np.inf, False, 0, -1, -1
     for c in range(cavities.start[shape], cavities.start[shape + 1]):
-        circle = size * circle_about(hull, cavities.axis[c])[2] if cavities.axis[c] >= 0 else 0.0
-        here, guided = closed_margin(cavities, c, scale, circle, rows, row), guided_of(cavities, c)
-        end, free = guided + cavities.sampled[c], -1
-        exact = not cavities.inhabited[c]
-        if here > 0.0 and (not found or not exact):
-            free = first_in(
-                key, pair, c, 0 if law.guided or not exact else guided, end, first, size, hull, box, tables, rows, row
+        axis, inhabited = cavities.axis[c], cavities.inhabited[c]
+        circle = circle_about(hull, axis) if axis >= 0 else (0.0, 0.0, 0.0)
+        here = closed_margin(cavities, c, scale, size * circle[2], rows, row)
+        sweeps = inhabited and here > 0.0
+        free = -1
+        if sweeps:
+            free, here = swept_margin(
+                key, pair, law, c, first, circle, hull, box, margin, found >= 0, tables, rows, row
             )
-        if not exact and here > 0.0:
-            if here > margin:
-                room = room_of(cavities, c, hull, box) * scale
-                fits = largest_in(key, pair, c, free, first, room, hull, box, tables, rows, row)
-                here = on_length_grid(
-                    (fits / size - 1.0) * rows.obj_lengths[row, tightest(cavities, c, scale, rows, row)]
-                )
-            if not law.guided and free >= 0:
-                free = first_in(key, pair, c, guided, end, first, size, hull, box, tables, rows, row)
+        elif here > 0.0 and found < 0:
+            free = 0 if law.guided else sampled_in_empty(key, pair, c, first, circle, hull, box, cavities, rows, row)
         if here > margin:
-            best, margin, swept = c, here, not exact and closed_margin(cavities, c, scale, circle, rows, row) > 0.0
-        if free >= 0 and not found:
-            found = True
-            settle(rows, row, placement(key, pair, c, free, first, cavities, scale, size, hull, box))
-            for k in range(3):
-                witness[k] = rows.witness[row, k]
+            best, margin, swept = c, here, sweeps
+        if free >= 0 and found < 0:
+            found, where = c, free
+            room, guided = room_of(cavities, c, scale), guided_of(inhabited, axis)
+            settle(rows, row, placement(key, pair, free, guided, first, axis, room, circle, size, box))
         first += cavities.sampled[c]
     rows.margin[row], rows.swept[row] = margin, swept
     slot = tightest(cavities, best, scale, rows, row)
     rows.decides[row] = slot
-    largest = cavities.largest[shape]
-    if best != largest:
+    if best != cavities.largest[shape]:
         for k in range(3):
             rows.planes[row, k, 0], rows.planes[row, k, 1] = planes_of(cavities, best, scale, k, rows, row)
     short = scale * (cavities.high[best, slot] - cavities.low[best, slot]) <= rows.obj_lengths[row, slot]
-    reason = NO_CANDIDATE if swept or margin > 0.0 else (LENGTH_0 + slot if short else OUTLINE)
-    conclude(rows, row, found, reason)
-    if found:
-        for k in range(3):
-            rows.witness[row, k] = witness[k]
+    conclude(rows, row, where >= 0, NO_CANDIDATE if swept or margin > 0.0 else (LENGTH_0 + slot if short else OUTLINE))
     return is_clear(margin, longest)
+
+
+@kernel
+def swept_margin(
+    key: Key,
+    pair: int,
+    law: Law,
+    c: int,
+    first: int,
+    circle: Point,
+    hull: Floats,
+    box: Floats,
+    margin: float,
+    decided: bool,
+    tables: FitTables,
+    rows: Rows,
+    row: int,
+) -> tuple[int, float]:
+    """Return (free, margin) of an inhabited cavity whose box has room: its first free placement, -1 if none.
+
+    A margin that cannot exceed `margin` is not sought, nor, once the pair is `decided`, a placement that cannot either.
+    """
+    objects, environments, _choice, cavities, trees, hints = tables
+    shape, scale, size = rows.env_index[row], rows.env_size[row], rows.obj_scale[row]
+    axis, room, guided = cavities.axis[c], room_of(cavities, c, scale), guided_of(True, cavities.axis[c])
+    length = rows.obj_lengths[row, tightest(cavities, c, scale, rows, row)]
+    limit, best = limit_of(cavities, c, hull, box) * scale, size * (1.0 + max(margin, -length) / length)
+    if decided and limit <= best:
+        return -1, margin
+    end = guided + cavities.sampled[c]
+    start, stop = cavities.obstacle_start[c], cavities.obstacle_start[c + 1]
+    begin, over = environments.face_start[shape], environments.face_start[shape + 1]
+    frame, turn = frame_of(rows, row), scene_from_object(rows, row)
+    obstacles, faces = cavities.obstacles[start:stop], environments.triangles[begin:over]
+    free, fits = sweep_cavity(
+        key,
+        pair,
+        0,
+        end,
+        guided,
+        first,
+        axis,
+        room,
+        circle,
+        hull,
+        box,
+        frame,
+        size,
+        limit,
+        best,
+        turn,
+        rows.obj_index[row],
+        objects,
+        trees,
+        hints,
+        obstacles,
+        scale,
+        faces,
+    )
+    here = on_length_grid((fits / size - 1.0) * length)
+    if free >= 0 and not law.guided:
+        pose = pose_of(turn, size / scale)
+        contacts = sweep_of(objects.triangles, objects.face_start, trees, rows.obj_index[row], pose, obstacles, hints)
+        free = search(
+            key, pair, guided, end, guided, first, axis, room, circle, size, hull, box, frame, contacts, scale, faces
+        )
+    return free, here
+
+
+@kernel
+def sampled_in_empty(
+    key: Key,
+    pair: int,
+    c: int,
+    first: int,
+    circle: Point,
+    hull: Floats,
+    box: Floats,
+    cavities: Cavities,
+    rows: Rows,
+    row: int,
+) -> int:
+    """Return the first sampled placement that lies inside an empty cavity, -1 if none does."""
+    places, indices = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
+    room = room_of(cavities, c, rows.env_size[row])
+    count, _ = inside_at(
+        key,
+        pair,
+        1,
+        1 + cavities.sampled[c],
+        1,
+        first,
+        cavities.axis[c],
+        room,
+        circle,
+        rows.obj_scale[row],
+        hull,
+        box,
+        frame_of(rows, row),
+        places,
+        indices,
+    )
+    return int(indices[0]) if count > 0 else -1
 
 
 @kernel
@@ -523,12 +770,15 @@ def placements(key: Key, pair: int, law: Law, tables: FitTables, rows: Rows, row
     box = box_of(hull)
     total = 0
     for c in range(cavities.start[shape], cavities.start[shape + 1]):
-        total += cavities.sampled[c] + (guided_of(cavities, c) if law.guided else 0)
+        total += cavities.sampled[c] + (guided_of(cavities.inhabited[c], cavities.axis[c]) if law.guided else 0)
     out, at, first = np.zeros((total, 3)), 0, 0
     for c in range(cavities.start[shape], cavities.start[shape + 1]):
-        guided = guided_of(cavities, c)
+        axis, room = cavities.axis[c], room_of(cavities, c, scale)
+        guided, circle = guided_of(cavities.inhabited[c], axis), (0.0, 0.0, 0.0)
+        if axis >= 0:
+            circle = circle_about(hull, axis)
         for index in range(0 if law.guided else guided, guided + cavities.sampled[c]):
-            settle(rows, row, placement(key, pair, c, index, first, cavities, scale, size, hull, box))
+            settle(rows, row, placement(key, pair, index, guided, first, axis, room, circle, size, box))
             for k in range(3):
                 out[at, k] = rows.witness[row, k]
             at += 1

@@ -36,7 +36,8 @@ def make_washing_machine(rng: Generator) -> Shape:
 def _drum(parts: Assembly, axis: int, low: Vector, high: Vector, radius: float, inside: list[Mesh]) -> None:
     """Cut a drum between the corners of its box, and set things into it."""
     centre = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
-    parts.voids.append(cylinder(axis, centre, radius, high[axis] - low[axis], DRUM_SIDES))  # type: ignore[arg-type]
+    wall = radius / math.cos(math.pi / DRUM_SIDES)  # circumscribed: the ideal drum is free space
+    parts.voids.append(cylinder(axis, centre, wall, high[axis] - low[axis], DRUM_SIDES))  # type: ignore[arg-type]
     parts.fittings += inside
     parts.cavities.append(Cavity(low, high, axis=axis, radius=radius, inhabited=bool(inside)))
 
