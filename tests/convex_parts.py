@@ -61,7 +61,7 @@ def convex_parts(solid: Manifold) -> Parts:
     whole = solid.hull().volume()
     parts: list[Manifold] = []
     excess = 0.0
-    stack = [solid]
+    stack = _pieces(solid, DROPPED * whole)
     while stack:
         part = stack.pop()
         more = part.hull().volume() - part.volume()
@@ -81,10 +81,7 @@ def convex_parts(solid: Manifold) -> Parts:
 
 
 def _halves(part: Manifold, least: float) -> list[Manifold] | None:
-    """Cut a part along the best plane that divides it, else shave sheets off; None where neither helps.
-
-    A solid with a sealed void is kept in one piece until a cut opens the void.
-    """
+    """Cut a part along the best plane that divides it, else shave sheets off; None where neither helps."""
     hull = part.hull().volume()
     for normal, offset in _reflex_planes(part):
         halves = [half for half in part.split_by_plane(tuple(normal), offset) if half.volume() > least]
@@ -93,13 +90,14 @@ def _halves(part: Manifold, least: float) -> list[Manifold] | None:
             halves = [part.trim_by_plane(tuple(sign * normal), sign * offset + _SHAVED)]
             if halves[0].hull().volume() > hull - least:
                 continue
-        pieces = [half.decompose() for half in halves]
-        return [
-            piece
-            for half, found in zip(halves, pieces, strict=True)
-            for piece in (found if all(p.volume() >= -least for p in found) else [half])
-        ]
+        return [piece for half in halves for piece in _pieces(half, least)]
     return None
+
+
+def _pieces(solid: Manifold, least: float) -> list[Manifold]:
+    """Return what is not connected apart; a solid with a sealed void stays in one piece until a cut opens the void."""
+    found = solid.decompose()
+    return found if all(piece.volume() >= -least for piece in found) else [solid]
 
 
 def _reflex_planes(part: Manifold) -> Iterator[tuple[Points, float]]:

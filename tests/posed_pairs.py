@@ -3,6 +3,7 @@
 Nothing is read from a data folder: the pairs are those of the frozen draw, made again in memory.
 """
 
+import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -53,6 +54,10 @@ class PosedPair:
         """Category of the environment."""
         return str(self.of("env_category").decode())
 
+    def cloud(self, field: str) -> Points:
+        """Return `env_points` or `obj_points`, (m, 3)."""
+        return self.block.inputs[field][self.row].astype(np.float64)
+
     @property
     def reason(self) -> str:
         """Name of the reason, `fits` where positive."""
@@ -101,13 +106,15 @@ class PosedPair:
         return (turned - centre).reshape(-1, 3, 3), centre
 
 
-def pairs_of(task: str, split: str, shapes: str = "default", seed: int = 0) -> Iterator[PosedPair]:
-    """Give the pairs of a split in order, without end, clouds left out."""
+def pairs_of(
+    task: str, split: str, shapes: str = "default", seed: int = 0, clouds: bool = False
+) -> Iterator[PosedPair]:
+    """Give the pairs of a split in order, without end; without clouds unless asked for."""
     recipe = Recipe(task, split, 1_000_000, seed=seed)
     maker = Maker.of(recipe, load_stock(shapes, split, find_task(task)))
     first = 0
     while True:
-        block = build(maker, first, _AT_ONCE, clouds=False)
+        block = build(maker, first, _AT_ONCE, clouds=clouds)
         for row in range(_AT_ONCE):
             yield PosedPair(block, row)
         first += _AT_ONCE
@@ -119,15 +126,23 @@ def indexed(triangles: Points) -> tuple[Points, NDArray[np.int64]]:
     return np.ascontiguousarray(vertices), faces.reshape(-1, 3)
 
 
+def _digest_of_referees() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        if path.name in ("convex_parts.py", "posed_pairs.py") or path.name.startswith("referee_"):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
 class Ledger:
     """Findings, one JSON object a line, so that an interrupted run goes on where it stopped.
 
-    A ledger of other sources or arguments is begun afresh.
+    A ledger of other sources, of the generators or of the referees, or of other arguments is begun afresh.
     """
 
     def __init__(self, path: Path, **about: Any) -> None:
         self.path, self.rows = path, {}
-        head = {"sources": sources_digest(), **about}
+        head = {"sources": sources_digest(), "referee": _digest_of_referees(), **about}
         lines = path.read_text().splitlines() if path.is_file() else []
         if lines and json.loads(lines[0]) == head:
             self.rows = {row["key"]: row for row in map(json.loads, lines[1:])}

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from manifold3d import CrossSection, Manifold, Mesh64, OpType
+from convex_parts import convex_parts, solid_of, vertices_of
+from manifold3d import CrossSection, Manifold, OpType
 from posed_pairs import Ledger, Points, PosedPair, as_markdown, indexed, pairs_of
 from scipy.spatial import ConvexHull
 
@@ -32,8 +33,6 @@ SIDES = 512
 """Of the polygon around a disc; circumscribed, so that no place is lost."""
 AREA, VOLUME = 1e-8, 1e-12
 """m^2 and m^3: less is left by rounding, regions of the plane are computed on a grid of 1e-8."""
-CONVEX = 1e-6
-"""A solid is convex if its hull has at most that share of volume more."""
 
 
 class Left(NamedTuple):
@@ -51,26 +50,6 @@ class Left(NamedTuple):
     free: float = 0.0
     reach: float = 0.0
     place: Points = np.full(3, np.nan)
-
-
-def solid_of(triangles: Points) -> Manifold:
-    """Return closed triangles (f, 3, 3) as a solid."""
-    vertices, faces = indexed(triangles)
-    solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
-    if solid.status().name != "NoError":
-        msg = f"manifold3d refuses a surface of {len(faces)} faces: {solid.status().name}"
-        raise ValueError(msg)
-    return solid
-
-
-def vertices_of(solid: Manifold) -> Points:
-    """Return the corners (n, 3) of a solid."""
-    return np.array(solid.to_mesh64().vert_properties[:, :3], dtype=np.float64)
-
-
-def triangles_of(solid: Manifold) -> Points:
-    """Return the faces (f, 3, 3) of a solid."""
-    return vertices_of(solid)[np.asarray(solid.to_mesh64().tri_verts, dtype=np.int64)]
 
 
 def hull_corners(points: Points) -> Points:
@@ -102,11 +81,22 @@ def rectangle(low: Points, high: Points) -> Points:
     return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
 
 
-def obstacles_in(environment: Manifold, cavity: Cavity) -> list[Manifold]:
-    """Return the connected solids that reach into a cavity, cut off at its walls."""
+def obstacles_in(environment: Manifold, cavity: Cavity) -> list[Points]:
+    """Return what reaches into a cavity, cut off at its walls, as the corners (n, 3) of convex parts."""
+    reaching = environment ^ solid_cavity(cavity)
+    return convex_parts(reaching).corners if reaching.volume() > VOLUME else []
+
+
+def solid_cavity(cavity: Cavity) -> Manifold:
+    """Return a cavity's box, or a prism inscribed in its cylinder."""
     low, high = np.array(cavity.low), np.array(cavity.high)
-    room = Manifold.cube(high - low).translate(low)
-    return [part for part in (environment ^ room).decompose() if part.volume() > VOLUME]
+    if cavity.axis is None:
+        return Manifold.cube(high - low).translate(low)
+    circle = cavity.radius * np.cos(np.pi / SIDES) ** 2 * _unit_circle()
+    depth = cavity.sizes[cavity.axis]
+    drum = CrossSection([circle]).extrude(depth).translate((0, 0, -depth / 2))
+    turned = np.roll(np.eye(3), cavity.axis + 1, axis=0)
+    return drum.transform(np.column_stack([turned, (low + high) / 2]))
 
 
 def cut_of_sums(first: Points, second: Points, height: float) -> CrossSection | None:
@@ -123,41 +113,24 @@ def cut_of_sums(first: Points, second: Points, height: float) -> CrossSection | 
     return CrossSection.hull_points(pierced.reshape(-1, 2))
 
 
-def cut_of_hulls(part: Points, hull: Points, height: float) -> CrossSection:
-    """Return the same for many points, by way of the hull of their sums."""
+def blocked_by_hull(part: Points, hull: Points, height: float) -> CrossSection:
+    """Return the places on the floor in which a hull (n, 3) meets a convex solid (m, 3)."""
     return Manifold.hull_points((part[:, None] - hull[None]).reshape(-1, 3)).slice(height)
 
 
-def blocked_by_hull(part: Manifold, hull: Points, height: float) -> CrossSection:
-    """Return the places on the floor in which a hull (n, 3) meets a solid."""
-    if is_convex(part):
-        return cut_of_hulls(vertices_of(part), hull, height)
-    pieces = [cut_of_hulls(triangle, hull, height) for triangle in triangles_of(part)]
-    return CrossSection.batch_boolean([*pieces, holding(part, hull[0], height)], OpType.Add)
+def blocked_by_mesh(part: Points, thing: Points, room: CrossSection, height: float) -> CrossSection:
+    """Return the places in `room` in which a closed mesh (f, 3, 3) meets a convex solid (m, 3), triangle by triangle.
 
-
-def blocked_by_mesh(part: Manifold, thing: Points, room: CrossSection, height: float) -> CrossSection:
-    """Return the places in `room` in which a closed mesh (f, 3, 3) meets a solid, triangle by triangle."""
-    sources = [vertices_of(part)] if is_convex(part) else list(triangles_of(part))
+    Where one lies inside the other no surfaces meet: then it holds the other's first corner.
+    """
+    solid = Manifold.hull_points(part)
+    inside = solid.slice(height + thing[0, 0, 2]).translate(tuple(-thing[0, 0, :2]))
+    around = solid_of(thing).slice(part[0, 2] - height).mirror((1, 0)).mirror((0, 1)).translate(tuple(part[0, :2]))
     x0, y0, x1, y1 = room.bounds()
-    corner = vertices_of(part)[0]
-    swallowed = solid_of(thing).slice(corner[2] - height).mirror((1, 0)).mirror((0, 1)).translate(tuple(corner[:2]))
-    pieces = [holding(part, thing[0, 0], height), swallowed]
-    for source in sources:
-        low, high = source.min(axis=0) - thing.max(axis=1), source.max(axis=0) - thing.min(axis=1)
-        near = (low <= [x1, y1, height]).all(axis=1) & (high >= [x0, y0, height]).all(axis=1)
-        pieces += [cut for face in thing[near] if (cut := cut_of_sums(source, face, height)) is not None]
-    return CrossSection.batch_boolean(pieces, OpType.Add)
-
-
-def holding(part: Manifold, point: Points, height: float) -> CrossSection:
-    """Return the places on the floor in which one point of the object lies inside a solid."""
-    return part.slice(height + point[2]).translate((-point[0], -point[1]))
-
-
-def is_convex(part: Manifold) -> bool:
-    """Say whether a solid is its own hull."""
-    return bool(part.hull().volume() <= part.volume() * (1 + CONVEX) + VOLUME)
+    low, high = part.min(axis=0) - thing.max(axis=1), part.max(axis=0) - thing.min(axis=1)
+    near = (low <= [x1, y1, height]).all(axis=1) & (high >= [x0, y0, height]).all(axis=1)
+    met = [cut for face in thing[near] if (cut := cut_of_sums(part, face, height)) is not None]
+    return CrossSection.batch_boolean([inside, around, *met], OpType.Add)
 
 
 def freest(region: CrossSection) -> tuple[float, Points]:
@@ -203,12 +176,7 @@ def left_in_drum(environment: Manifold, cavity: Cavity, thing: Points) -> Left:
     if high <= low or room.area() <= 0.0:
         return Left(0.0)
     space = room.extrude(high - low).translate((0, 0, low))
-    sources = [
-        source
-        for part in obstacles_in(environment, cavity)
-        for source in ([vertices_of(part)] if is_convex(part) else triangles_of(part))
-    ]
-    sums = [(source[:, None] - hull[None]).reshape(-1, 3)[:, order] for source in sources]
+    sums = [(part[:, None] - hull[None]).reshape(-1, 3)[:, order] for part in obstacles_in(environment, cavity)]
     blocked = Manifold.batch_boolean([Manifold.hull_points(s) for s in sums], OpType.Add) if sums else Manifold()
     parts = [part for part in (space - blocked).decompose() if part.volume() > VOLUME]
     if not parts:

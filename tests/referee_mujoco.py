@@ -46,6 +46,7 @@ class Trial:
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.impratio = 10
+        spec.option.noslip_iterations = 5
         for index, corners in enumerate(parts):
             spec.add_mesh(name=f"part{index}", uservert=corners.ravel())
             _add_geom(spec.worldbody, f"part{index}")
