@@ -188,15 +188,23 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
         settle(rows, row, (scale * x, scale * y, z))
         found = True
     elif rows.margin[row] > 0.0:
-        for index in range(1, TRIED + 1):
-            x, y = middle_at(key, pair, index, tops, shape)
-            x, y = scale * x - 0.5 * size * (box[0, 0] + box[1, 0]), scale * y - 0.5 * size * (box[0, 1] + box[1, 1])
-            x, y, _z = settle(rows, row, (x, y, z))
-            if within(sides, hull, size / scale, x / scale, y / scale):
-                found = True
-                break
+        found = find(key, pair, tops, hull, box, z, rows, row)
     conclude(rows, row, found, why_not(rows, row))
     return True
+
+
+@kernel
+def find(key: Key, pair: int, tops: Tops, hull: Floats, box: Floats, z: float, rows: Rows, row: int) -> bool:
+    """Settle on the first sampled placement inside a convex outline, False where none is."""
+    shape, scale, size = rows.env_index[row], rows.env_size[row], rows.obj_scale[row]
+    sides = sides_of(tops, shape)
+    for index in range(1, TRIED + 1):
+        x, y = middle_at(key, pair, index, tops, shape)
+        x, y = scale * x - 0.5 * size * (box[0, 0] + box[1, 0]), scale * y - 0.5 * size * (box[0, 1] + box[1, 1])
+        x, y, _z = settle(rows, row, (x, y, z))
+        if within(sides, hull, size / scale, x / scale, y / scale):
+            return True
+    return False
 
 
 @kernel
