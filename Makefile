@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
 DEMO := out/demo
+PAPER_TASKS := tube,cylinder,sphere,fit,top,mug
 
 .PHONY: help demo test check bench clean
 
@@ -24,10 +25,10 @@ $(VENV)/dev: $(VENV)/core
 	$(PIP) -e '.[dev]'
 	touch $@
 
-demo: $(VENV)/core ## generate a small data set, look at it, verify it, score the three examples
+demo: $(VENV)/core ## generate some pairs of the six tasks of the paper, look at them, verify them, score three examples
 	rm -rf $(DEMO)
-	$(BIN)/eigenbench generate --task tube --pairs 2000 --out $(DEMO)
-	$(BIN)/eigenbench info $(DEMO)/tube/test
+	$(BIN)/eigenbench generate --task $(PAPER_TASKS) --pairs 1000 --out $(DEMO)
+	$(BIN)/eigenbench info $(DEMO)
 	$(BIN)/eigenbench verify $(DEMO)
 	for model in constant object_only bounding_box; do \
 		$(BIN)/eigenbench evaluate examples/$$model.py --data $(DEMO)/tube/test --out $(DEMO)/runs/$$model || exit; \
@@ -44,7 +45,9 @@ check: $(VENV)/dev ## format, lint, types, layout
 	MYPYPATH=.typecheck $(BIN)/mypy -p eigenbench
 	$(BIN)/python -m pytest -q tests/test_layout.py
 
-bench: $(VENV)/core ## pairs per second against a plain python-fcl loop, in one run; seconds to build the shapes
+bench: $(VENV)/core ## seconds, memory, ratios to other engines and mismatches of all tasks; BENCH=--quick is a tenth
+	$(BIN)/python tests/bench_tasks.py --out out/mismatches.json $(BENCH)
+	$(BIN)/python tests/bench_fit.py
 	$(BIN)/python tests/bench_tube.py
 	$(BIN)/python tests/bench_shapes.py
 

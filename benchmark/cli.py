@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from eigenbench.cli_shapes import shapes_app
-from eigenbench.console import SOURCES, Json, Workers, print_refused, progress_on
+from eigenbench.console import SOURCES, Json, Workers, progress_on
 from eigenbench.errors import DataError, EigenbenchError, printable
 
 app = typer.Typer(
@@ -78,7 +78,9 @@ def _unforeseen(error: Exception, debug: bool) -> int:
 
 @app.command()
 def generate(
-    task: Annotated[str, typer.Option(help="Which task; several with commas between, or all.")],
+    task: Annotated[
+        str, typer.Option(help="Which task; box-110010 is a box of some faces; several with commas between, or all.")
+    ],
     split: Annotated[str, typer.Option(help="train, test or all.")] = "all",
     pairs: Annotated[int | None, typer.Option(help="Pairs per split; default 75,000 train, 20,000 test.")] = None,
     out: Annotated[
@@ -91,12 +93,16 @@ def generate(
     ] = None,
     engine: Annotated[str, typer.Option(help="fast, or fcl for the reference sweep.")] = "fast",
     protocol: Annotated[str, typer.Option(help="exact, or sampled for the paper's noisy labels.")] = "exact",
+    draws: Annotated[
+        str, typer.Option(help="ratio, or independent: the object's size without regard to the environment's.")
+    ] = "ratio",
     shapes: Annotated[str, typer.Option(help=SOURCES)] = "default",
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
     """Generate the pairs of a task. Run again, it goes on where it stopped."""
     from eigenbench.generators.generation import generate as make
+    from eigenbench.tables import print_made
 
     skipped: dict[str, str] = {}
     with progress_on(as_json) as progress:
@@ -110,6 +116,7 @@ def generate(
             scheduler=scheduler,
             engine=engine,
             protocol=protocol,
+            draws=draws,
             shapes=shapes,
             audit=audit,
             progress=progress,
@@ -120,13 +127,7 @@ def generate(
     if as_json:
         print(json.dumps([_summary(folder, m) for folder, m in manifests.items()]))
         return
-    for folder, m in manifests.items():
-        print(
-            f"{folder}: {m.recipe.pairs:,} pairs, {m.positive_rate:.1%} positive, "
-            f"{m.audit.relabelled} labels and {m.audit.confirmed} witnesses checked by FCL, "
-            f"{m.audit.mismatches} mismatches, digest {m.digest[:16]}"
-        )
-        print_refused(m.shapes_refused)
+    print_made(manifests)
 
 
 def _summary(folder: Path | str, manifest: Any) -> dict[str, Any]:
@@ -139,15 +140,27 @@ def _summary(folder: Path | str, manifest: Any) -> dict[str, Any]:
 @app.command()
 def info(
     folder: Annotated[Path, typer.Argument(help="A split, a task or an output folder.")],
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Also measure every cloud: the ceiling of a score.")
+    ] = False,
+    against: Annotated[Path | None, typer.Option(help="The same pairs by another protocol: print label noise.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what a data folder holds and how far one side alone gives the label away."""
+    """Say what a data folder holds and what its data are like; a table of all tasks if there are several."""
     from eigenbench.description import describe
-    from eigenbench.tables import print_description
+    from eigenbench.noise import label_noise
+    from eigenbench.tables import print_description, print_noise, print_statistics
 
-    descriptions = describe(folder)
+    if against is not None:
+        rows = label_noise(folder, against)
+        print(json.dumps(rows)) if as_json else print_noise(rows)
+        return
+    descriptions = describe(folder, measure)
     if as_json:
         print(json.dumps(descriptions))
+        return
+    if len({d["recipe"]["task"] for d in descriptions}) > 1:
+        print_statistics(descriptions)
         return
     for description in descriptions:
         print_description(description)

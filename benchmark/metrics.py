@@ -32,6 +32,11 @@ def decide(env_lengths: NDArray[Any], obj_lengths: NDArray[Any], groups: Groups)
     return np.asarray(np.any([longer[:, list(g)].all(axis=1) for g in groups], axis=0))
 
 
+def relative_margin(margin: Floats, env_lengths: Floats, decides: NDArray[np.integer[Any]]) -> Floats:
+    """Return (n,) |margin| over the environment's deciding length."""
+    return np.asarray(np.abs(margin) / env_lengths[np.arange(len(margin)), decides])
+
+
 def slack_score(env_lengths: NDArray[Any], obj_lengths: NDArray[Any], groups: Groups) -> Floats:
     """Return (n,) scores: max over groups of min over slots of env - obj, each slot scaled.
 

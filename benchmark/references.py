@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eigenbench.errors import choose
+from eigenbench.geometry import enclosing_radius, extents_along, matrices, reach
 from eigenbench.metrics import decide
 from eigenbench.records import Arrays
 from eigenbench.tasks import TaskSpec
@@ -26,10 +27,8 @@ class Measured:
     obj_lengths: Floats
 
 
-def extents_along(points: NDArray[np.float32], directions: Floats) -> Floats:
-    """Return (n, S') extents of clouds (n, m, 3) along unit directions (n, S', 3)."""
-    along = np.matmul(points.astype(np.float64), directions.transpose(0, 2, 1))
-    return np.asarray(along.max(axis=1) - along.min(axis=1))
+MEASURED_FIELDS = ("env_points", "obj_points", "directions", "env_lengths", "obj_rotation")
+"""What a measurer reads of a block of pairs."""
 
 
 def _measure_extents(block: Arrays) -> Measured:
@@ -37,13 +36,66 @@ def _measure_extents(block: Arrays) -> Measured:
     return Measured(extents_along(block["env_points"], directions), extents_along(block["obj_points"], directions))
 
 
-MEASURERS: dict[str, Callable[[Arrays], Measured]] = {"tube": _measure_extents}
-"""How the exact measurer of each task reads a block of pairs (inputs with `directions`)."""
+def _measure_cylinder(block: Arrays) -> Measured:
+    found = _measure_extents(block)
+    found.env_lengths[:, 0] = reach(block["env_points"][:, :, :2])
+    found.obj_lengths[:, 0] = enclosing_radius(block["obj_points"][:, :, :2])
+    return found
+
+
+def _measure_sphere(block: Arrays) -> Measured:
+    return Measured(reach(block["env_points"])[:, None], enclosing_radius(block["obj_points"])[:, None])
+
+
+def _measure_tubes(block: Arrays) -> Measured:
+    """Read either tube's lengths from the points on its own side of y = 0."""
+    points, directions = block["env_points"], block["directions"]
+    lengths = extents_along(block["obj_points"], directions)
+    second = points[:, :, 1] > 0
+    along = np.matmul(directions, points.astype(np.float64).transpose(0, 2, 1))
+    own = np.stack([~second, ~second, second, second], axis=1)
+    low, high = np.where(own, along, np.inf).min(axis=2), np.where(own, along, -np.inf).max(axis=2)
+    return Measured(np.maximum(high - low, 0.0), lengths)
+
+
+def _measure_objects(block: Arrays) -> Measured:
+    """Read the object's lengths from its cloud; the environment's, which its cloud does not show, from the truth."""
+    return Measured(block["env_lengths"].copy(), extents_along(block["obj_points"], block["directions"]))
+
+
+def _measure_peg(block: Arrays) -> Measured:
+    """Read the peg's diameter from its cloud, seen along its true axis; the opening's from the truth."""
+    across = np.matmul(block["obj_points"].astype(np.float64), matrices(block["obj_rotation"])[:, :, :2])
+    return Measured(block["env_lengths"].copy(), 2 * enclosing_radius(across)[:, None])
+
+
+MEASURERS: dict[str, Callable[[Arrays], Measured]] = {
+    "tube": _measure_extents,
+    "box": _measure_extents,
+    "cylinder": _measure_cylinder,
+    "sphere": _measure_sphere,
+    "multitube": _measure_tubes,
+    "fit": _measure_objects,
+    "top": _measure_objects,
+    "mug": _measure_peg,
+}
+"""How the exact measurer reads a block of pairs (`MEASURED_FIELDS`), by the task's family.
+
+It is handed the true directions and axes, and reads both clouds, but for `TRUE_ENVIRONMENT`.
+"""
+
+TRUE_ENVIRONMENT = ("fit", "top", "mug")
+"""Families whose environments' lengths the measurer is told: 1,024 points of a cabinet do not show its cavities. For
+them the measurer bounds what the sampling of the object costs, and nothing else."""
 
 
 def measure(task: TaskSpec, blocks: Iterable[Arrays]) -> Measured:
-    """Measure every pair's human lengths on its clouds, along the true directions, block by block."""
-    measurer = MEASURERS[choose("task with a measurer", task.name, MEASURERS)]
+    """Measure every pair's human lengths on its clouds, along the true directions, block by block.
+
+    Radii are those of smallest enclosing circles and balls. The environment's lengths of `TRUE_ENVIRONMENT` are the
+    stored ones.
+    """
+    measurer = MEASURERS[choose("task with a measurer", task.family, MEASURERS)]
     parts = [measurer(block) for block in blocks]
     return Measured(np.concatenate([p.env_lengths for p in parts]), np.concatenate([p.obj_lengths for p in parts]))
 
@@ -74,20 +126,36 @@ def calibrated_decision(measured: Measured, label: NDArray[np.bool_], task: Task
     return decisions
 
 
-def one_sided_decision(lengths: Floats, label: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return (n,) decisions of a probe that knows one side's true lengths and nothing of the other.
+def rule_explains(t: Arrays, task: TaskSpec) -> float:
+    """Return the share of labels that the task's AND (OR of ANDs) over the stored human lengths gives."""
+    return float(np.mean(decide(t["env_lengths"], t["obj_lengths"], task.clauses) == t["label"]))
 
-    The majority among the 101 nearest pairs in the logarithms of the lengths, 5-fold cross-validated:
-    close to the best that any one-sided rule can do.
+
+def probe_features(t: Arrays, side: str, task: TaskSpec) -> Floats:
+    """Return (n, f) logarithms of what a probe of one side ("env", "obj") knows: true lengths, an object's size too."""
+    slots = sorted({slot for clause in task.clauses for slot in clause})
+    values = t[f"{side}_lengths"][:, slots]
+    return np.log(values if side == "env" else np.column_stack([values, t["obj_scale"]]))
+
+
+def nearest_decision(features: Floats, label: NDArray[np.bool_], asked: Floats) -> NDArray[np.bool_]:
+    """Return (n,) decisions by the majority among the 101 nearest known pairs; features (k, f) are scaled.
+
+    For few features and thousands of pairs this is close to the best that any rule of these features can do.
     """
-    points = np.log(lengths)
+    neighbours = min(NEIGHBOURS, len(features))
+    if not neighbours or not len(asked):
+        return np.zeros(len(asked), dtype=bool)
+    spread = np.maximum(features.std(axis=0), 1e-9)
+    _, nearest = cKDTree(features / spread).query(asked / spread, k=range(1, neighbours + 1), workers=-1)
+    return np.asarray(label[nearest].mean(axis=1) > 0.5)
+
+
+def one_sided_decision(features: Floats, label: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (n,) decisions of a probe (`nearest_decision`) that is 5-fold cross-validated inside one split."""
     fold = np.arange(len(label)) % FOLDS
     decisions = np.full(len(label), bool(np.mean(label) >= 0.5))
     for k in range(FOLDS):
-        known, asked = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        neighbours = min(NEIGHBOURS, len(known))
-        if neighbours < 1 or not len(asked):
-            continue
-        _, nearest = cKDTree(points[known]).query(points[asked], k=range(1, neighbours + 1))
-        decisions[asked] = label[known][nearest].mean(axis=1) > 0.5
+        if np.any(fold != k):
+            decisions[fold == k] = nearest_decision(features[fold != k], label[fold != k], features[fold == k])
     return decisions

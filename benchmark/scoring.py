@@ -24,11 +24,13 @@ from eigenbench.intervals import (
 )
 from eigenbench.records import Arrays, Groups
 from eigenbench.references import (
+    MEASURED_FIELDS,
     Measured,
     calibrated_decision,
     measure,
     measured_decision,
     one_sided_decision,
+    probe_features,
 )
 from eigenbench.results import Predictions, read_run
 from eigenbench.shard_format import MARGIN_BINS, fields_of
@@ -38,8 +40,6 @@ ANALYSIS_PAIRS = 512
 """Pairs of the paper's correlation analysis. Here: those with the smallest pair_id, which is random."""
 
 Scores = dict[str, Any]
-
-_MEASURED_FIELDS = ("env_points", "obj_points", "directions")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Truth:
     def of(cls, dataset: Dataset) -> "Truth":
         """Read the targets of a split and measure its clouds."""
         targets = {f.name: dataset.column(f.name) for f in fields_of("targets")}
-        return cls(dataset.task, targets, measure(dataset.task, dataset.blocks(_MEASURED_FIELDS)))
+        return cls(dataset.task, targets, measure(dataset.task, dataset.blocks(MEASURED_FIELDS)))
 
     def weights(self) -> Iterator[Floats]:
         """Yield the bootstrap's weights of the pairs, the same ones for every model."""
@@ -105,8 +105,8 @@ def _reference_decisions(truth: Truth) -> dict[str, NDArray[np.bool_]]:
     label = t["label"]
     return {
         "majority": np.full(len(label), bool(label.mean() >= 0.5)),
-        "object_only": one_sided_decision(t["obj_lengths"], label),
-        "environment_only": one_sided_decision(t["env_lengths"], label),
+        "object_only": one_sided_decision(probe_features(t, "obj", task), label),
+        "environment_only": one_sided_decision(probe_features(t, "env", task), label),
         "exact_measurer": measured_decision(truth.measured, task),
         "calibrated_measurer": calibrated_decision(truth.measured, label, task),
     }
@@ -172,8 +172,7 @@ def _groups_of_pairs(truth: Truth) -> dict[str, NDArray[np.bool_]]:
     for side in ("obj_category", "env_category"):
         for category in np.unique(t[side]):
             masks[f"{side}/{category.decode()}"] = t[side] == category
-    deciding = t["env_lengths"][np.arange(len(t["label"])), t["decides"]]
-    relative = np.abs(t["margin"]) / deciding
+    relative = metrics.relative_margin(t["margin"], t["env_lengths"], t["decides"])
     for low, high in pairwise(MARGIN_BINS):
         name = f"over {low:.0%}" if np.isinf(high) else f"{low:.0%} to {high:.0%}"
         masks[f"margin/{name}"] = (relative >= low) & (relative < high)

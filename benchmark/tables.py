@@ -1,6 +1,7 @@
 """Results and descriptions as text for a terminal."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -9,9 +10,16 @@ from rich.table import Table
 
 from eigenbench.checking import Finding
 from eigenbench.errors import printable
+from eigenbench.manifest import MANIFEST, Manifest
 from eigenbench.tasks import SPLITS
 
+_WIDE = 220
+"""Columns of the tables of all tasks: a narrow terminal wraps them, but nothing is cut off."""
+_NAMED = 8
+"""Shapes named after a reason why they are left out."""
+
 _console = Console(highlight=False, soft_wrap=True, markup=False)
+_wide = Console(highlight=False, soft_wrap=True, markup=False, width=_WIDE)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -54,7 +62,10 @@ def print_result(result: dict[str, Any]) -> None:
     for name, interval in scores["references"].items():
         references.add_row(name.replace("_", " "), _percent(interval))
     _console.print(references)
-    for kind, title in (("obj_category", "By object category"), ("margin", "By margin / deciding length")):
+    kinds = {"obj_category": "By object category", "env_category": "By environment category"}
+    for kind, title in (kinds | {"margin": "By margin / deciding length"}).items():
+        if kind == "env_category" and len(scores["by_env_category"]) == 1:
+            continue
         groups = _table(title, "group", "pairs", "accuracy [95 % interval]", "exact measurer")
         for name, group in scores[f"by_{kind}"].items():
             groups.add_row(
@@ -107,6 +118,9 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
     if angles is None:
         _console.print("angles: not provided")
         return
+    if not angles["by_length"]:
+        _console.print("angles: no matched length has a direction")
+        return
     table = _table("Angle to the true direction, degrees", "length", "slot", "mean [95 %]", "median", "chance")
     for name, a in angles["by_length"].items():
         table.add_row(
@@ -127,29 +141,108 @@ def print_description(d: dict[str, Any]) -> None:
         f"{d['bytes'] / 1e6:,.0f} MB, data version {r['data_version']}, seed {r['seed']}, engine {r['engine']}, "
         f"protocol {r['protocol']}, shapes {d['shapes_source']}\ndigest {d['digest']}"
     )
-    probes = d["probes"]
-    _console.print(
-        f"positive {d['positive_rate']:.2%}; accuracy of majority {probes['majority']:.2%}, of a probe that sees "
-        f"only the object {probes['object_only']:.2%}, only the environment {probes['environment_only']:.2%}"
-    )
+    _print_references(d)
     a = d["audit"]
     _console.print(
         f"FCL labelled {a['relabelled']} pairs again and confirmed {a['confirmed']} near witnesses: "
         f"{a['mismatches']} mismatches"
     )
-    lengths = _table("Lengths, m (lowest, median, highest)", "length", "environment", "object", "decides")
+    lengths = _table(
+        "Lengths, m (lowest, median, highest)", "length", "environment", "object", "decides", "of the negatives"
+    )
     for name, found in d["lengths"].items():
-        lengths.add_row(name, _three(found["environment"]), _three(found["object"]), f"{found['decides']:.1%}")
+        shares = f"{found['decides']:.1%}", _share(found["decides_negatives"])
+        lengths.add_row(name, _three(found["environment"]), _three(found["object"]), *shares)
     _console.print(lengths)
-    objects = _table("Objects", "category", "shapes", "pairs", "positive")
-    for name, o in d["objects"].items():
-        objects.add_row(printable(name), str(o["shapes"]), f"{o['pairs']:,}", f"{o['positive_rate']:.1%}")
-    _console.print(objects)
-    _console.print("margin / deciding length: " + ", ".join(f"{k}: {v:.1%}" for k, v in d["margins"].items()))
+    for side in ("objects", "environments"):
+        categories = _table(side.capitalize(), "category", "shapes", "pairs", "positive")
+        for name, o in d[side].items():
+            categories.add_row(printable(name), str(o["shapes"]), f"{o['pairs']:,}", f"{o['positive_rate']:.1%}")
+        _console.print(categories)
+    margins = _table("Margin / deciding length", "from, to", "pairs", "positive")
+    for name, m in d["margins"].items():
+        margins.add_row(name, f"{m['share']:.1%}", _share(m["positive_rate"]))
+    _console.print(margins)
     _console.print("reasons: " + ", ".join(f"{k} {n:,}" for k, n in d["reasons"].items() if n))
     for name, reason in d["shapes_refused"].items():
         _console.print(printable(f"not used: {name}: {reason}"))
+    _print_left_out(d["shapes_left_out"])
     _console.print("made with " + ", ".join(f"{k} {v}" for k, v in d["versions"].items()) + "\n")
+
+
+def _print_references(d: dict[str, Any]) -> None:
+    """Print what a score on the split is to be read beside."""
+    probes, measurer = d["probes"], d["measurer"]
+    _console.print(
+        f"positive {d['positive_rate']:.2%}; accuracy of majority {probes['majority']:.2%}, of a probe that sees "
+        f"only the object {probes['object_only']:.2%}, only the environment {probes['environment_only']:.2%} "
+        f"(learned from {probes['learned_from']})"
+    )
+    _console.print(
+        f"the task's AND over the human lengths gives {d['rule_explains']:.2%} of the labels; "
+        f"{d['near_boundary']:.1%} of the pairs have a margin within 10 % of the deciding length"
+    )
+    if measurer is not None:
+        _console.print(
+            f"exact measurer of the clouds {measurer['exact']:.2%}, calibrated {measurer['calibrated']:.2%} "
+            f"(the environment's lengths are {measurer['environment']})"
+        )
+
+
+def _print_left_out(left_out: dict[str, str]) -> None:
+    """Print how many sound shapes the task does not draw, by reason."""
+    for reason in dict.fromkeys(left_out.values()):
+        names = [name for name, why in left_out.items() if why == reason]
+        some = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+        _console.print(printable(f"left out: {len(names)} shapes, each {reason}: {some}"))
+
+
+def print_statistics(descriptions: Sequence[dict[str, Any]]) -> None:
+    """Print one row a split: what the data of all tasks are like."""
+    measured = any(d["measurer"] for d in descriptions)
+    columns = ("split", "pairs", "positive", "object", "environment", "majority", "AND", "within 10 %")
+    table = _table(
+        "Statistics (object, environment: accuracy of one-sided probes; AND: labels that the lengths' rule gives)",
+        *("task", *columns, *(("measurer", "calibrated") if measured else ()), "decides, of the negatives"),
+    )
+    for d in descriptions:
+        probes, measurer = d["probes"], d["measurer"] or {"exact": None, "calibrated": None}
+        shares = [probes[k] for k in ("object_only", "environment_only", "majority")]
+        shares += [d["rule_explains"], d["near_boundary"]]
+        shares += [measurer["exact"], measurer["calibrated"]] if measured else []
+        binding = {name: v for name, v in d["lengths"].items() if v["binds"]}
+        decides = "  ".join(f"{name} {_share(v['decides_negatives'])}" for name, v in binding.items())
+        r = d["recipe"]
+        cells = (f"{r['pairs']:,}", f"{d['positive_rate']:.2%}", *(_share(s) for s in shares))
+        table.add_row(r["task"], r["split"], *cells, decides)
+    _wide.print(table)
+
+
+def print_noise(rows: Sequence[dict[str, Any]]) -> None:
+    """Print how one protocol's labels differ from another's, a row a split."""
+    limits = list(rows[0]["lost_within"])
+    near = [f"lost within {float(limit):.0%}" for limit in limits]
+    table = _table(
+        f"Labels of {rows[0]['protocols'][1]} against {rows[0]['protocols'][0]}, same pairs (lost: a positive less)",
+        *("task", "split", "pairs", "positives", "lost", "of pairs", "of positives", *near, "largest", "gained"),
+    )
+    for r in rows:
+        within = [r["lost_within"][limit] for limit in limits]
+        table.add_row(
+            r["task"],
+            r["split"],
+            *(f"{r[k]:,}" for k in ("pairs", "positives", "lost")),
+            f"{r['lost'] / r['pairs']:.2%}",
+            _share(r["lost"] / r["positives"] if r["positives"] else None),
+            *(_share(w["lost"] / w["positives"] if w["positives"] else None) for w in within),
+            _share(r["largest_lost_margin"]),
+            f"{r['gained']:,}",
+        )
+    _wide.print(table)
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1%}"
 
 
 def _three(values: Sequence[float]) -> str:
@@ -190,3 +283,40 @@ def print_findings(findings: Sequence[Finding]) -> None:
     for finding in findings:
         mark = {True: "ok  ", False: "FAIL", None: "--  "}[finding.passed]
         _console.print(f"{mark}  {finding.name}: {finding.seen}")
+
+
+def print_made(manifests: Mapping[Path | str, Manifest]) -> None:
+    """Print what was generated, by folder or address: a line a split of one task, a table of several tasks."""
+    if len({m.recipe.task for m in manifests.values()}) > 1:
+        _print_table_made(manifests)
+    else:
+        for folder, m in manifests.items():
+            _print_line_made(folder, m)
+    refused = {name: reason for m in manifests.values() for name, reason in m.shapes_refused.items()}
+    for name, reason in refused.items():
+        _console.print(printable(f"  not used: {name}: {reason}"))
+
+
+def _print_line_made(folder: Path | str, m: Manifest) -> None:
+    _console.print(
+        f"{folder}: {m.recipe.pairs:,} pairs, {m.positive_rate:.1%} positive, "
+        f"{m.audit.relabelled} labels and {m.audit.confirmed} witnesses checked by FCL, "
+        f"{m.audit.mismatches} mismatches, digest {m.digest[:16]}"
+    )
+    if count := len(m.shapes_left_out):
+        _console.print(
+            f"  left out: {count} shape{'s' * (count > 1)} that the task does not draw; "
+            f"{folder}/{MANIFEST} names each with the reason"
+        )
+
+
+def _print_table_made(manifests: Mapping[Path | str, Manifest]) -> None:
+    columns = ("pairs", "positive", "labels", "witnesses", "mismatches", "left out", "digest")
+    table = _table("Generated (labels, witnesses: checked by FCL)", "folder", *columns)
+    for folder, m in manifests.items():
+        numbers = (m.audit.relabelled, m.audit.confirmed, m.audit.mismatches, len(m.shapes_left_out))
+        shares = (f"{m.recipe.pairs:,}", f"{m.positive_rate:.1%}")
+        table.add_row(printable(str(folder)), *shares, *(f"{n:,}" for n in numbers), m.digest[:16])
+    _console.print(table)
+    if any(m.shapes_left_out for m in manifests.values()):
+        _console.print(f"left out: shapes that the task does not draw; each folder's {MANIFEST} names them")

@@ -1,7 +1,7 @@
 """The task table: what each task asks, which lengths a human would measure, and their names."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from eigenbench.errors import UsageError, choose
@@ -23,6 +23,8 @@ class TaskSpec:
     object : role of the shapes that objects are made from, None where they are drawn afresh
     ruled : the clauses alone decide the label; else they only come close to it
     rotated : the whole scene is turned by one rotation, uniform over SO(3)
+    axes : the scene's axis (0, 1, 2) along which each length is measured, None where it has no direction (a radius, a
+        diameter); empty where the task does not say, and then nothing checks directions
     """
 
     name: str
@@ -34,6 +36,7 @@ class TaskSpec:
     object: str | None = "object"
     ruled: bool = True
     rotated: bool = False
+    axes: tuple[int | None, ...] = ()
 
     @property
     def family(self) -> str:
@@ -49,16 +52,26 @@ _TURNED = "; the scene is turned as a whole"
 TASKS: dict[str, TaskSpec] = {
     spec.name: spec
     for spec in (
-        TaskSpec("tube", _TUBE, 2, ("width", "height"), ((0, 1),)),
+        TaskSpec("tube", _TUBE, 2, ("width", "height"), ((0, 1),), axes=(1, 2)),
         TaskSpec(
             "cylinder",
             "puts it wholly inside the cylindrical container, below the rim",
             2,
             ("radius", "height"),
             ((0, 1),),
+            axes=(None, 2),
         ),
-        TaskSpec("sphere", "puts it wholly inside the spherical shell", 1, ("radius",), ((0,),)),
-        TaskSpec("fit", _FIT, 3, ("width", "length", "height"), ((0, 1, 2),), "environment", ruled=False),
+        TaskSpec("sphere", "puts it wholly inside the spherical shell", 1, ("radius",), ((0,),), axes=(None,)),
+        TaskSpec(
+            "fit",
+            _FIT,
+            3,
+            ("width", "length", "height"),
+            ((0, 1, 2),),
+            "environment",
+            ruled=False,
+            axes=(0, 1, 2),
+        ),
         TaskSpec(
             "top",
             "puts it on the countertop, its vertical projection enclosed by the outline",
@@ -67,6 +80,7 @@ TASKS: dict[str, TaskSpec] = {
             ((0, 1),),
             "environment",
             ruled=False,
+            axes=(0, 1),
         ),
         TaskSpec(
             "mug",
@@ -76,16 +90,18 @@ TASKS: dict[str, TaskSpec] = {
             ((0,),),
             "mug",
             None,
+            axes=(None,),
         ),
-        TaskSpec("box", _BOX, 3, ("width", "length", "height"), ((0, 1, 2),)),
+        TaskSpec("box", _BOX, 3, ("width", "length", "height"), ((0, 1, 2),), axes=(0, 1, 2)),
         TaskSpec(
             "multitube",
             "passes it along x through either of the two tubes, touching no wall",
             4,
             ("width_1", "height_1", "width_2", "height_2"),
             ((0, 1), (2, 3)),
+            axes=(1, 2, 1, 2),
         ),
-        TaskSpec("tube-rotated", _TUBE + _TURNED, 2, ("width", "height"), ((0, 1),), rotated=True),
+        TaskSpec("tube-rotated", _TUBE + _TURNED, 2, ("width", "height"), ((0, 1),), rotated=True, axes=(1, 2)),
         TaskSpec(
             "fit-rotated",
             _FIT + _TURNED,
@@ -95,6 +111,7 @@ TASKS: dict[str, TaskSpec] = {
             "environment",
             ruled=False,
             rotated=True,
+            axes=(0, 1, 2),
         ),
     )
 }
@@ -150,5 +167,5 @@ def find_task(name: str) -> TaskSpec:
         if all(faces):
             return box
         bound = tuple(axis for axis in range(3) if faces[2 * axis] and faces[2 * axis + 1])
-        return TaskSpec(name, box.fits, box.slots, box.lengths, (bound,))
+        return replace(box, name=name, clauses=(bound,))
     return TASKS[choose("task", name, TASKS)]

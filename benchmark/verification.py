@@ -1,7 +1,7 @@
 """Is a split what its manifest says, and is it true to the format? Stops at the first fault.
 
-What follows from the stored numbers alone is checked here; `eigenbench.generators.deep` rebuilds the
-pairs and asks FCL about each of them.
+What follows from the stored numbers alone is checked here, by the rules of `target_rules` and `cloud_rules`;
+`eigenbench.generators.deep` rebuilds the pairs and asks FCL about each of them.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,30 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.cloud_rules import cloud_faults
 from eigenbench.errors import DataError
+from eigenbench.geometry import Bools
 from eigenbench.manifest import Manifest, find_splits, read_manifest
 from eigenbench.records import Arrays
-from eigenbench.references import extents_along
-from eigenbench.shard_format import (
-    CLOUD_BITS,
-    FILES,
-    LENGTH_BITS,
-    MIN_MARGIN,
-    REASONS,
-    content_digest,
-    fields_of,
-    round_to,
-    shard_name,
-)
+from eigenbench.shard_format import FILES, content_digest, fields_of, round_to, shard_name
 from eigenbench.shards import REBUILD, read_about, read_shard
+from eigenbench.target_rules import Fault, of_any, target_faults
 
 Progress = Callable[[str, int, int], None]
-Bools = NDArray[np.bool_]
-Fault = tuple[str, Bools, str]
-"""A field, the rows (n,) that break a rule, and the rule."""
-
-_GRAIN = 2.0**-LENGTH_BITS
-_CLOUD_GRAIN = 2.0**-CLOUD_BITS
 
 
 def verify(path: str | Path, progress: Progress | None = None) -> dict[Path, Manifest]:
@@ -111,79 +97,15 @@ def faults(file: str, arrays: Arrays, inputs: Arrays, manifest: Manifest) -> Ite
         if field.bits is not None:
             yield (
                 field.name,
-                _any(_off_grid(arrays[field.name], field.bits)),
+                of_any(_off_grid(arrays[field.name], field.bits)),
                 f"is not on the 2^-{field.bits} grid",
             )
     if file == "targets":
-        yield from _target_faults(arrays, inputs, manifest)
+        yield "pair_id", arrays["pair_id"] != inputs["pair_id"], "differs from the inputs'"
+        yield from target_faults(arrays, manifest)
+        yield from cloud_faults(arrays, inputs, manifest.task)
 
 
 def _off_grid(values: NDArray[Any], bits: int) -> Bools:
     wide = values.astype(np.float64)
     return np.asarray(((round_to(wide, bits) != wide) & ~np.isnan(wide)) | np.isinf(wide))
-
-
-def _any(bad: Bools) -> Bools:
-    return np.asarray(bad.reshape(len(bad), -1).any(axis=1))
-
-
-def _target_faults(t: Arrays, inputs: Arrays, manifest: Manifest) -> Iterator[Fault]:
-    """Yield the rules that bind targets to each other and to the clouds."""
-    rows = np.arange(len(t["label"]))
-    label, margin = t["label"], t["margin"]
-    slack = np.where(t["binding"], t["env_lengths"] - t["obj_lengths"], np.inf)
-    yield "pair_id", t["pair_id"] != inputs["pair_id"], "differs from the inputs'"
-    for name in ("env_points", "obj_points"):
-        yield name, _any(~np.isfinite(inputs[name])), "is not finite"
-    for name in ("env_lengths", "obj_lengths", "obj_scale", "env_scale"):
-        yield name, _any(~(t[name] > 0)), "is not above 0"
-    yield "binding", ~_any(t["binding"]), "binds no length"
-    if manifest.recipe.protocol == "exact":
-        yield "label", np.not_equal(label, margin > 0), "contradicts the sign of the margin"
-    yield "label", label & ~(margin > 0), "is positive with a margin that is not"
-    yield "decides", t["decides"] != np.argmin(slack, axis=1), "is not the length with the smallest slack"
-    yield "margin", margin != slack[rows, t["decides"]], "is not the slack of the deciding length"
-    sides = np.ptp(inputs["env_points"], axis=1).max(axis=1)
-    yield "margin", np.abs(margin) < MIN_MARGIN * sides - 2 * _CLOUD_GRAIN, "is too near the boundary"
-    yield "reason", label != (t["reason"] == REASONS["fits"]), "contradicts the label"
-    lacking = (t["reason"] > 0) & (t["reason"] < REASONS["no_candidate"])
-    yield (
-        "reason",
-        lacking & (t["reason"] != REASONS["length_0"] + t["decides"]),
-        "names another length than decides",
-    )
-    yield "reason", ~np.isin(t["reason"], list(REASONS.values())), "is not in the vocabulary"
-    yield (
-        "witness",
-        label != np.isfinite(t["witness"]).all(axis=1),
-        "is given where it should not be, or not given",
-    )
-    for name in ("env_rotation", "obj_rotation"):
-        yield (
-            name,
-            _any(~(np.abs(np.linalg.norm(t[name], axis=1, keepdims=True) - 1) <= 1e-6)),
-            "is not a unit quaternion",
-        )
-    yield (
-        "directions",
-        _any(np.abs(np.linalg.norm(t["directions"], axis=2) - 1) > 1e-6),
-        "is not of unit length",
-    )
-    gap = t["planes"][..., 1] - t["planes"][..., 0]
-    yield "planes", _any(~(np.abs(gap - t["env_lengths"]) <= 2 * _GRAIN)), "are not env_lengths apart"
-    yield from _cloud_faults(t, inputs)
-
-
-def _cloud_faults(t: Arrays, inputs: Arrays) -> Iterator[Fault]:
-    """Yield the rules that bind the clouds to the lengths, and the witness to both."""
-    grain = 2 * _CLOUD_GRAIN
-    env_extent = extents_along(inputs["env_points"], t["directions"])
-    obj_extent = extents_along(inputs["obj_points"], t["directions"])
-    yield "env_points", _any(env_extent > t["env_lengths"] + grain), "reaches beyond env_lengths"
-    yield "obj_points", _any(obj_extent > t["obj_lengths"] + grain), "reaches beyond obj_lengths"
-    reach = np.abs(inputs["obj_points"]).max(axis=(1, 2))
-    yield "obj_points", reach > t["obj_scale"] / 2 + grain, "reaches beyond the object's enclosing ball"
-    placed = np.matmul(np.nan_to_num(inputs["obj_points"] + t["witness"][:, None]), t["directions"].transpose(0, 2, 1))
-    low, high = placed.min(axis=1), placed.max(axis=1)
-    outside = (low < t["planes"][..., 0] - grain) | (high > t["planes"][..., 1] + grain)
-    yield "witness", t["label"] & outside.any(axis=1), "puts the object's cloud through a wall"

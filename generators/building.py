@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import by_reference, kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, family_of
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import Law, Rows, quaternion
@@ -26,12 +26,14 @@ class Maker:
     stock: Stock
     family: Family
     tables: Tables
+    references: Tables
 
     @classmethod
     def of(cls, recipe: Recipe, stock: Stock) -> "Maker":
         """Prepare the tables of a recipe's task."""
         family = family_of(stock.task)
-        return cls(recipe, stock, family, family.tables(stock))
+        tables = family.tables(stock)
+        return cls(recipe, stock, family, tables, tuple(by_reference(table) for table in tables))
 
     @property
     def law(self) -> Law:
@@ -57,8 +59,9 @@ class Block:
     def witnesses(self, row: int) -> Floats:
         """Return the (k, 3) witnesses that a row's placements have, in the order in which they are tried."""
         maker = self.maker
-        alone = Rows(*(values[row : row + 1].copy() for values in self.rows))
-        found = maker.family.placements(key_of(maker.recipe), self.first + row, maker.law, maker.tables, alone, 0)
+        alone = Rows._make(values[row : row + 1].copy() for values in self.rows)
+        key, pair = key_of(maker.recipe), self.first + row
+        found = maker.family.placements(key, pair, maker.law, maker.references, by_reference(alone), 0)
         return np.asarray(found)
 
 
@@ -68,7 +71,7 @@ def build(maker: Maker, first: int, count: int, clouds: bool = True) -> Block:
     inputs = zero_rows("inputs", count if clouds else 0, task)
     targets = zero_rows("targets", count, task)
     rows = _rows(targets, count)
-    maker.family.fill(key, first, maker.law, maker.tables, rows)
+    maker.family.fill(key, first, maker.law, maker.references, by_reference(rows))
     if clouds:
         inputs["pair_id"][:] = targets["pair_id"]
         _sample(maker, key, first, rows, inputs)
@@ -77,7 +80,7 @@ def build(maker: Maker, first: int, count: int, clouds: bool = True) -> Block:
 
 
 def _rows(targets: Arrays, count: int) -> Rows:
-    internal = {name: np.zeros(count, dtype) for name, dtype in _INTERNAL.items()}
+    internal: Arrays = {name: np.zeros(count, dtype) for name, dtype in _INTERNAL.items()}
     internal |= {"env_centre": np.zeros((count, 3)), "obj_centre": np.zeros((count, 3)), "sizes": np.zeros((count, 8))}
     return Rows(**{name: targets[name] if name in targets else internal[name] for name in Rows._fields})
 
@@ -90,9 +93,10 @@ def _sample(maker: Maker, key: Key, first: int, rows: Rows, inputs: Arrays) -> N
     )
     for library, sample, points in sides:
         if library is not None:
-            sample_library(library.surface, key, first, rows, points == "env_points", inputs[points])
+            surface = by_reference(library.surface)
+            sample_library(surface, key, first, by_reference(rows), points == "env_points", inputs[points])
         elif sample is not None:
-            sample(key, first, rows, inputs[points])
+            sample(key, first, by_reference(rows), inputs[points])
 
 
 @kernel

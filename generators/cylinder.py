@@ -1,6 +1,7 @@
 """The task `cylinder`: a cylindrical container along z with a floor and an open top; the object must lie wholly inside.
 
-Below the rim, that is: the smallest circle around its xy silhouette against the radius, its extent in z against the height.
+Below the rim, that is: the smallest circle around its xy silhouette against the radius, its extent in z against the
+height.
 """
 
 import numpy as np
@@ -73,7 +74,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Ro
 
 @kernel
 def placement(key: Key, pair: int, index: int, hull: Floats, rows: Rows, row: int) -> Point:
-    """Return a placement: 0 has the silhouette's circle on the axis, the others the box's middle anywhere in the volume."""
+    """Return a placement: 0 has the silhouette's circle on the axis, the others the box's middle anywhere inside."""
     box, size, sizes = box_of(hull), rows.obj_scale[row], rows.sizes[row]
     if index == 0:
         x, y, _radius = enclosing_circle(hull, len(hull))
@@ -163,7 +164,7 @@ def sample(key: Key, first: int, rows: Rows, env_points: Floats32) -> None:
 
 
 def reference(pair: Pair) -> Sweep:
-    """Return the pair as FCL sees it: a circumscribed wall with a floor, and the object's hull, since both are convex."""
+    """Return the pair as FCL sees it: a circumscribed wall with a floor, and the hull, since both are convex."""
     posed = pair.posed()
     radius, height = pair.of("env_lengths")
     angle = 2 * np.pi * np.arange(SIDES_OF_WALL) / SIDES_OF_WALL

@@ -158,7 +158,7 @@ class Family:
     tables : what the kernels take as `tables`, made once a process from the shapes
     fill : (key, first, law, tables, rows), draws and labels the pairs first, first + 1, ... into `rows`
     placements : (key, pair, law, tables, rows, row) -> (k, 3), the witnesses that are tried, in order
-    sample : (key, first, rows, env_points), fills (n, m, 3) clouds of environments drawn afresh; None for library shapes
+    sample : (key, first, rows, env_points), fills clouds (n, m, 3) of environments drawn afresh; None for shapes
     sample_object : the same for objects that are drawn afresh
     reference : the pair as FCL sees it
     confirm : the same with only what a witness could touch, where that is much quicker

@@ -6,6 +6,7 @@ finds no contact *and* the object lies inside the ideal solid, which the task's 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import fcl
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
-Model = fcl.CollisionGeometry
+Model: TypeAlias = fcl.CollisionGeometry
 
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()

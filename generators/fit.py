@@ -604,8 +604,8 @@ def label(
 ) -> bool:
     """Label a drawn pair by its cavities in turn; False if it lies too near its boundary.
 
-    The margin is the best cavity's. An inhabited one is swept only if its box has room for the object, and measured only
-    if it could have the larger margin.
+    The margin is the best cavity's. An inhabited one is swept only if its box has room for the object, and measured
+    only if it could have the larger margin.
     """
     cavities = tables[3]
     shape, scale, size = rows.env_index[row], rows.env_size[row], rows.obj_scale[row]

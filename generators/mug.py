@@ -1,7 +1,7 @@
-"""The task `mug`: a mug, upright, its handle toward +x; the object is a straight peg that must pass the handle's opening.
+"""The task `mug`: a mug, upright, its handle toward +x; the object is a peg that must pass the handle's opening.
 
-The peg lies along the axis of the hole and is longer than the mug, so it passes exactly where its axis keeps farther
-than its radius from the mug: at best in the centre of the largest circle in the silhouette's hole.
+The peg is straight, lies along the axis of the hole and is longer than any mug, so it passes exactly where its axis
+keeps farther than its radius from the mug: at best in the centre of the largest circle in the silhouette's hole.
 """
 
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenbench.generators.choices import (
+    SCALE,
     Choice,
     choice_of,
     drawn_environment,
@@ -33,6 +34,7 @@ from eigenbench.generators.pairs import (
     lacking,
     measure_round,
     name_pair,
+    on_length_grid,
     quaternion,
     settle,
     size_between,
@@ -46,7 +48,7 @@ from eigenbench.generators.philox import BLOCK, OBJ_SURFACE, Key, WordBlock, blo
 from eigenbench.generators.surface import Floats, Surface, matrix_of, rounded_quaternion
 
 PEG_LENGTH = 1.5
-"""Length of a peg over the longest side of its mug."""
+"""Length of every peg over the longest side of the split's largest mug: its own mug's would tell which it is."""
 PEG = (0.004, 0.05)
 """Diameter of a peg under independent draws, log-uniform, m."""
 PEG_SIDES = 192
@@ -56,11 +58,18 @@ _LOG_PEG = float(np.log(PEG[1] / PEG[0]))
 
 
 class Gaps(NamedTuple):
-    """The largest circle in each mug's handle, packed frame: centre (K, 3), axis (K, 3), radius (K,)."""
+    """The largest circle in each mug's handle, packed frame.
+
+    Attributes
+    ----------
+    centre, axis, radius : (K, 3), (K, 3), (K,)
+    peg : length of every peg, m
+    """
 
     centre: Floats
     axis: Floats
     radius: Floats
+    peg: float
 
 
 MugTables = tuple[Surface, Choice, Gaps]
@@ -70,12 +79,15 @@ def tables(stock: Stock) -> Tables:
     """Return (mugs, the choice of those with a handle, their gaps)."""
     library = stock.of("mug")
     gaps = [m.handle for m in library.measures]
+    choice = choice_of(library, [g is not None for g in gaps])
+    sides = [float(np.ptp(library.hull(k), axis=0).max()) * choice.diameters[k] for k in choice.members]
     packed = Gaps(
         np.array([(0.0, 0.0, 0.0) if g is None else g.centre for g in gaps]),
         np.array([(0.0, 1.0, 0.0) if g is None else g.axis for g in gaps]),
         np.array([0.0 if g is None else g.radius for g in gaps]),
+        float(on_length_grid(PEG_LENGTH * SCALE[1] * max(sides, default=1.0))),
     )
-    return library.surface, choice_of(library, [g is not None for g in gaps]), packed
+    return library.surface, choice, packed
 
 
 def left_out(stock: Stock) -> dict[str, str]:
@@ -102,7 +114,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: MugTables, rows: R
             return False
     else:
         diameter = size_object(key, pair, attempt, law, gap, PEG[0], _LOG_PEG, rows, row)
-    length = PEG_LENGTH * longest
+    length = gaps.peg
     rows.sizes[row, 0], rows.sizes[row, 1] = diameter, length
     rows.obj_scale[row] = np.rint(np.sqrt(diameter * diameter + length * length) * 1048576.0) / 1048576.0
     x, y, z = gaps.axis[shape, 0], gaps.axis[shape, 1], gaps.axis[shape, 2]
@@ -134,7 +146,7 @@ def placement(key: Key, pair: int, index: int, gaps: Gaps, rows: Rows, row: int)
 
 @kernel
 def clearance(triangles: Floats, first: int, last: int, m: Floats, x: float, y: float, enough: float) -> float:
-    """Return the square of the distance, seen along the peg's axis, of a point to packed triangles; ends below `enough`.
+    """Return the square of the distance, seen along the peg, of a point to packed triangles; ends below `enough`.
 
     `m` (3, 3) has the peg's axis as third column; x and y are along the first two.
     """

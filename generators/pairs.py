@@ -46,7 +46,8 @@ NEAR_KEPT = 0.25
 FITS, LENGTH_0, NO_CANDIDATE, OUTLINE = (REASONS[k] for k in ("fits", "length_0", "no_candidate", "outline"))
 
 SHAPE, RATIO, SIDES, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 24, 32, 64, 512
-"""First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, another's, rotations."""
+"""First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, another's,
+rotations."""
 _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
@@ -124,13 +125,13 @@ def log_uniform(u: float, low: float, log_span: float) -> float:
 @kernel
 def on_length_grid(x: float) -> float:
     """Round to the grid of lengths."""
-    return np.rint(x * LENGTH) / LENGTH
+    return float(np.rint(x * LENGTH) / LENGTH)
 
 
 @kernel
 def on_wall_grid(x: float) -> float:
     """Round a full size so that half of it lies on the grid of clouds."""
-    return np.rint(x * HALF_CLOUD) / HALF_CLOUD
+    return float(np.rint(x * HALF_CLOUD) / HALF_CLOUD)
 
 
 @kernel
@@ -377,7 +378,7 @@ def conclude(rows: Rows, row: int, found: bool, otherwise: int) -> None:
 
 @kernel
 def lacking(rows: Rows, row: int) -> int:
-    """Return why a pair that no placement fits is negative, where lengths alone decide: the deciding length is short."""
+    """Return why a pair that no placement fits is negative where lengths alone decide: the deciding one is short."""
     return int(LENGTH_0 + rows.decides[row]) if rows.margin[row] < 0.0 else NO_CANDIDATE
 
 

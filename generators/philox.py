@@ -6,6 +6,7 @@ carried from one draw to the next, so worker count and order cannot change a byt
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def block_words(key: Key, pair: int, stream: int, first: int, out: WordBlock) ->
 
 
 @kernel
-def unit(word: np.uint32) -> float:
+def unit(word: np.unsignedinteger[Any]) -> float:
     """Return the middle of the word's cell when [0, 1] is cut into 2^32 cells: never 0 or 1, symmetric about 1/2."""
     return (np.float64(word) + 0.5) * _TO_UNIT
 

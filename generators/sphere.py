@@ -67,7 +67,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Ro
 
 @kernel
 def placement(key: Key, pair: int, index: int, box: Floats, rows: Rows, row: int) -> Point:
-    """Return a placement: 0 has the enclosing ball in the centre, the others the box's middle anywhere in the volume."""
+    """Return a placement: 0 has the enclosing ball in the centre, the others the box's middle anywhere inside."""
     if index == 0:
         return 0.0, 0.0, 0.0
     x, y, z, chance = 1.0, 1.0, 1.0, index

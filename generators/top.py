@@ -22,6 +22,7 @@ from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
 from eigenbench.generators.outlines import (
+    convex_hull,
     guided_rectangles,
     half_planes,
     is_convex,
@@ -187,15 +188,23 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: TopTables, rows: R
         settle(rows, row, (scale * x, scale * y, z))
         found = True
     elif rows.margin[row] > 0.0:
-        for index in range(1, TRIED + 1):
-            x, y = middle_at(key, pair, index, tops, shape)
-            x, y = scale * x - 0.5 * size * (box[0, 0] + box[1, 0]), scale * y - 0.5 * size * (box[0, 1] + box[1, 1])
-            x, y, _z = settle(rows, row, (x, y, z))
-            if within(sides, hull, size / scale, x / scale, y / scale):
-                found = True
-                break
+        found = find(key, pair, tops, hull, box, z, rows, row)
     conclude(rows, row, found, why_not(rows, row))
     return True
+
+
+@kernel
+def find(key: Key, pair: int, tops: Tops, hull: Floats, box: Floats, z: float, rows: Rows, row: int) -> bool:
+    """Settle on the first sampled placement inside a convex outline, False where none is."""
+    shape, scale, size = rows.env_index[row], rows.env_size[row], rows.obj_scale[row]
+    sides = sides_of(tops, shape)
+    for index in range(1, TRIED + 1):
+        x, y = middle_at(key, pair, index, tops, shape)
+        x, y = scale * x - 0.5 * size * (box[0, 0] + box[1, 0]), scale * y - 0.5 * size * (box[0, 1] + box[1, 1])
+        x, y, _z = settle(rows, row, (x, y, z))
+        if within(sides, hull, size / scale, x / scale, y / scale):
+            return True
+    return False
 
 
 @kernel
@@ -289,7 +298,7 @@ def sweep(key: Key, pair: int, law: Law, tables: TopTables, rows: Rows, row: int
     shape, thing = rows.env_index[row], rows.obj_index[row]
     size = rows.obj_scale[row] / rows.env_size[row]
     outline = tops.outline[tops.outline_start[shape] : tops.outline_start[shape + 1]]
-    hull = np.ascontiguousarray(hull_in_scene(objects, rows, row)[:, :2])
+    hull = convex_hull(np.ascontiguousarray(hull_in_scene(objects, rows, row)[:, :2]))
     first, last = objects.face_start[thing], objects.face_start[thing + 1]
     flat = projected(objects.triangles, first, last, scene_from_object(rows, row))
     places, witnesses = candidates(key, pair, True, tables, rows, row)

@@ -8,17 +8,17 @@ import sys
 import tempfile
 import time
 
-from eigenbench.generators import relabelling
-from eigenbench.generators.fcl_engine import touches
-from eigenbench.generators.generation import build_rows, generate
-from eigenbench.generators.library import load_library
+from eigenbench.generators.building import Block, Maker, build
+from eigenbench.generators.generation import generate
+from eigenbench.generators.stock import load_stock
 from eigenbench.records import Recipe
 from eigenbench.shard_format import CANDIDATES
+from eigenbench.tasks import TASKS
 
 FAST_PAIRS, FCL_PAIRS, DISK_PAIRS = 10_000, 200, 20_000
 
 
-def fcl_loop(recipe: Recipe, library, shapes, targets, early: bool) -> float:
+def fcl_loop(block: Block, early: bool) -> float:
     """Return pairs per second of a plain python-fcl loop, stopping at the first free candidate or trying all.
 
     Timed are the two collision models of each pair and one `fcl.collide` a candidate; the candidates are
@@ -26,29 +26,29 @@ def fcl_loop(recipe: Recipe, library, shapes, targets, early: bool) -> float:
     """
     seconds = 0.0
     for row in range(FCL_PAIRS):
-        candidates = relabelling.candidates_of(recipe, row, *targets["env_lengths"][row])
+        t, pair = block.targets, block.pair(row)
+        candidates = pair.posed().placement(block.witnesses(row))
         start = time.perf_counter()
-        passage = relabelling.passage_of(library, int(shapes[row]), targets, row)
-        tries = (not touches(passage.walls, passage.prism, c) for c in candidates)
+        sweep = block.maker.family.reference(pair)
+        tries = (not sweep.touches(c) for c in candidates)
         found = any(tries) if early else any(list(tries))
         seconds += time.perf_counter() - start
-        larger = (targets["obj_lengths"][row] > targets["env_lengths"][row]).all()  # hollow: FCL sees no contact
-        assert (found and not larger) == targets["label"][row]
+        larger = (t["obj_lengths"][row] > t["env_lengths"][row]).all()  # hollow: FCL sees no contact
+        assert (found and not larger) == t["label"][row]
     return FCL_PAIRS / seconds
 
 
 def main() -> None:
     """Run and print the comparison."""
-    recipe = Recipe("tube", "train", FAST_PAIRS)
-    library = load_library("default", "train")
-    build_rows(recipe, library, 0, 1)
+    maker = Maker.of(Recipe("tube", "train", FAST_PAIRS), load_stock("default", "train", TASKS["tube"]))
+    build(maker, 0, 1)
     start = time.perf_counter()
-    _, targets, shapes = build_rows(recipe, library, 0, FAST_PAIRS)
+    block = build(maker, 0, FAST_PAIRS)
     fast = FAST_PAIRS / (time.perf_counter() - start)
     print(f"tube, {CANDIDATES} + 1 candidates a pair, one process unless said otherwise")
     print(f"fast engine: draw, label and two clouds     {fast:10,.0f} pairs/s")
     for early, name in ((True, "stops at the first free"), (False, "tries every candidate")):
-        slow = fcl_loop(recipe, library, shapes, targets, early)
+        slow = fcl_loop(block, early)
         print(f"python-fcl loop, label only, {name:23} {slow:6,.1f} pairs/s: 1 : {fast / slow:,.0f}")
     for workers in (1, 2):
         with tempfile.TemporaryDirectory() as out:

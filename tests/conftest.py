@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from material import box_mesh, write_obj
+from material import EVERY, box_mesh, write_obj
 
 from eigenbench.generators.generation import generate
 
@@ -21,6 +21,13 @@ def small(tmp_path_factory) -> Path:
 def test_split(small) -> Path:
     """Return the test split of the small data set."""
     return small / "tube" / "test"
+
+
+@pytest.fixture(scope="session")
+def every_task(tmp_path_factory) -> dict[str, Path]:
+    """Return a small test split of every task and of a box with a lonely floor."""
+    out = tmp_path_factory.mktemp("every")
+    return {name: next(iter(generate(name, "test", 80, out, workers=1, audit=0.0))) for name in EVERY}
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
 HONEST = "import numpy as np\nclass Model:\n    def predict(self, env, obj):\n        "
 GOOD = "return {'probability': np.full(len(env), 0.5)}"
+EVERY = (*TASKS, "box-110010")
+"""Every task, and a box with a lonely floor."""
 ENV, OBJ = toy_clouds(np.random.default_rng(1))
 
 

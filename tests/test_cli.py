@@ -73,6 +73,11 @@ def test_json(small, tmp_path):
     ("arguments", "message"),
     [
         (["--task", "tub"], "Unknown task 'tub'. Did you mean 'tube'"),
+        (["--task", "tube,"], "Unknown task ''"),
+        (["--task", "box-11001"], "Face subset of task 'box-11001' is '11001'; it must be six digits 0 or 1"),
+        (["--task", "tube,box-110x10"], "Face subset of task 'box-110x10' is '110x10'"),
+        (["--task", "box-101010"], "Task 'box-101010' binds no axis: .* so everything would fit. Let at least one"),
+        (["--task", "tube", "--draws", "ratios"], "Unknown draws 'ratios'. Did you mean 'ratio'"),
         (["--task", "tube", "--pairs", "0"], "Number of pairs is 0"),
         (["--task", "tube", "--pairs", "-3"], "Number of pairs is -3"),
         (["--task", "tube", "--pairs", "many"], "Invalid value for '--pairs'"),
@@ -85,6 +90,43 @@ def test_generate_errors(tmp_path, arguments, message):
     """Bad arguments: one line, code 2, nothing written."""
     fails(message, "generate", *arguments, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("task", "lack"),
+    [("fit", "none serves as environment"), ("top", "none serves as env"), ("mug", "none serves as mug")],
+)
+def test_tasks_that_a_source_has_no_shapes_for(mesh_folder, tmp_path, task, lack):
+    """A folder of objects alone cannot serve the tasks of library environments: one line, nothing written."""
+    source = f"meshes={mesh_folder}"
+    message = rf"has 3 shapes \(categories: box, can, jar\), but {lack}"
+    fails(message, "generate", "--task", task, "--pairs", 5, "--shapes", source, "--out", tmp_path / "o", cwd=tmp_path)
+    assert not (tmp_path / "o").exists()
+
+
+def test_several_tasks_end_with_a_table(tmp_path):
+    """Laws and faces by option, one row a split, one JSON record a split."""
+    options = ("--split", "test", "--pairs", 20, "--draws", "independent", "--workers", 1)
+    done = run("generate", "--task", "tube,box-110010,tube", *options, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("data/")]
+    assert [(r[0], r[1], r[5]) for r in rows] == [(f"data/{t}/test", "20", "0") for t in ("tube", "box-110010")]
+    done = run("generate", "--task", "box-110010", *options, "--json", cwd=tmp_path)
+    (found,) = json.loads(done.stdout)
+    assert found["recipe"] | {"task": "box-110010", "draws": "independent"} == found["recipe"]
+    assert found["digest"].startswith(rows[1][-1])
+    assert run("verify", "data", cwd=tmp_path).stdout.count(": good, 20 pairs") == 2
+
+
+def test_what_a_task_does_not_draw_is_counted(tmp_path):
+    """Environments without a countertop are named in the manifest, and the summary says how many and where."""
+    done = run("generate", "--task", "top", "--split", "test", "--pairs", 20, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    left_out = json.loads((tmp_path / "data/top/test/manifest.json").read_text())["shapes_left_out"]
+    line = done.stdout.splitlines()[1]
+    assert line.startswith(f"  left out: {len(left_out)} shape")
+    assert line.endswith("that the task does not draw; data/top/test/manifest.json names each with the reason")
+    assert all("has no countertop" in reason for reason in left_out.values())
 
 
 def test_mesh_folder_errors(tmp_path):

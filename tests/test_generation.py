@@ -241,6 +241,9 @@ def test_a_finished_split_is_left_as_it_is(small):
         ({"split": "tset"}, "Did you mean 'test'"),
         ({"engine": "fats"}, "Did you mean 'fast'"),
         ({"protocol": "none"}, "Unknown protocol"),
+        ({"draws": "even"}, "Unknown draws 'even'. Known: ratio, independent"),
+        ({"task": "box-000000"}, "'box-000000' binds no axis"),
+        ({"task": "box-11"}, "Face subset of task 'box-11' is '11'; it must be six digits 0 or 1"),
         ({"workers": 0}, "Number of workers is 0"),
         ({"seed": -1}, "Seed is -1"),
         ({"audit": 2.0}, "Audit share is 2.0"),
@@ -293,7 +296,10 @@ def test_manifest_says_how_it_was_made(test_split):
     assert body["recipe"]["task"] == "tube"
     assert body["audit"]["mismatches"] == 0
     assert set(body["versions"]) >= {"numpy", "numba", "python-fcl", "manifold3d"}
-    assert set(body["shapes_used"]) == {"bucket", "dispenser", "jar", "kettle"}
+    assert set(body["shapes_used"]) == {f"object/{c}" for c in ("bucket", "dispenser", "jar", "kettle")}
+    assert list(body["shapes_split"]) == ["object"]
+    assert body["shapes_left_out"] == {}
+    assert body["recipe"]["draws"] == "ratio"
     with h5py.File(test_split / "inputs-00000.h5") as h5:
         assert set(h5) == {"pair_id", "env_points", "obj_points"}
         assert json.loads(h5.attrs["about"]) == {}
@@ -316,7 +322,7 @@ def test_meshes_of_the_user(mesh_folder, tmp_path):
     (mesh_folder / "can" / "empty.obj").write_text("v 0 0 0\n")
     found = generate("tube", pairs=40, out=tmp_path / "o", shapes=f"meshes={mesh_folder}", workers=1)
     train = found[tmp_path / "o" / "tube" / "train"]
-    assert train.shapes_used == {"box": 1, "can": 1}
+    assert train.shapes_used == {"object/box": 1, "object/can": 1}
     assert set(train.shapes_refused) == {"can/broken.stl", "can/empty.obj"}
     (mesh_folder / "jar" / "jar.obj").unlink()
     with pytest.raises(ShapeError, match="none of the test split"):

@@ -1,19 +1,24 @@
 """Meshes that users hold: every format, any unit, broken files; and the real third-party ones."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
+from layouts import MUG, TALL
 from material import box_mesh, write_obj
 
 import eigenbench
 from eigenbench.errors import ShapeError
+from eigenbench.generators import meshes
 from eigenbench.generators.deep import verify_deep
+from eigenbench.generators.folders import read_upright
 from eigenbench.generators.generation import generate
 from eigenbench.generators.library import load_library, normalise
 from eigenbench.generators.listing import split_of
-from eigenbench.generators.meshes import read_mesh
+from eigenbench.generators.meshes import check_surface, read_mesh
 from eigenbench.generators.shapes import Shape
-from eigenbench.generators.solids import volume
+from eigenbench.generators.solids import Mesh, volume
 from eigenbench.generators.sources import load_shapes
 
 
@@ -163,3 +168,69 @@ def test_real_meshes_end_to_end(real_meshes, tmp_path):
         assert manifest.audit.mismatches == 0
         assert verify_deep(folder, workers=2) == 400
     assert len(eigenbench.verify(tmp_path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (0, "it is cut short: 0 of 12 bytes"),
+        (8, "it is cut short: 8 of 12 bytes"),
+        (-50, "it is cut short"),
+        ("header", "a GLB chunk is missing: JSON"),
+        ("json", "a GLB chunk is missing: BIN"),
+        ("chunk", "a GLB chunk is cut short"),
+        ("text", "it is no GLB file"),
+        ("old", "it is GLB of version 1"),
+    ],
+)
+def test_stubs_of_glb(tmp_path, end, reason):
+    """What is missing of a GLB file is told."""
+    whole = trimesh.Trimesh(TALL.vertices, TALL.faces, process=False).export(file_type="glb")
+    text = 20 + int.from_bytes(whole[12:16], "little")
+
+    def headed(data: bytes) -> bytes:
+        return data[:8] + len(data).to_bytes(4, "little") + data[12:]
+
+    stubs = {
+        "header": headed(whole[:12]),
+        "json": headed(whole[:text]),
+        "chunk": headed(whole[:-4]),
+        "text": b"v 0 0 0" + whole,
+        "old": whole[:4] + b"\1" + whole[5:],
+    }
+    (tmp_path / "a.glb").write_bytes(stubs[end] if isinstance(end, str) else whole[:end])
+    with pytest.raises(ShapeError, match=f"cannot be read: {reason}"):
+        read_mesh(tmp_path / "a.glb")
+    (tmp_path / "a.glb").write_bytes(whole)
+    assert len(read_mesh(tmp_path / "a.glb").faces) == 12
+
+
+def test_too_many_faces(tmp_path, monkeypatch):
+    """A mesh above the limit is refused, alone or in parts; the message gives the number and the limit."""
+    monkeypatch.setattr(meshes, "MAX_FACES", 20)
+    write_obj(tmp_path / "a.obj", MUG)
+    with pytest.raises(ShapeError, match=rf"{len(MUG.faces):,} faces; at most 20"):
+        read_mesh(tmp_path / "a.obj")
+    box = box_mesh(1, 1, 1)
+    with pytest.raises(ShapeError, match="has 24 faces"):
+        check_surface(Mesh(box.vertices, np.concatenate([box.faces, box.faces])))
+
+
+def test_scenes(tmp_path):
+    """A GLB of several nodes is one shape, in place, y up turned to z; one without any mesh is refused."""
+    y_up = Mesh(TALL.vertices[:, [1, 2, 0]], TALL.faces)
+    scene = trimesh.Scene()
+    for k in range(2):
+        part = trimesh.Trimesh(y_up.vertices, y_up.faces, process=False)
+        scene.add_geometry(part, transform=trimesh.transformations.translation_matrix([0, 10 * k, 0]))
+    scene.export(tmp_path / "two.glb")
+    mesh = read_upright(tmp_path / "two.glb", "y")
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), [1, 2, 13])
+    (tmp_path / "packed.gltf").write_text('{"extensionsRequired": ["KHR_draco_mesh_compression"]}')
+    with pytest.raises(ShapeError, match="without compression"):
+        read_mesh(tmp_path / "packed.gltf")
+    text = json.dumps({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"name": "empty"}]})
+    for name in ("empty.gltf", "image.gltf"):
+        (tmp_path / name).write_text(text if name == "empty.gltf" else text[:-1] + ', "images": [{"uri": "no.png"}]}')
+        with pytest.raises(ShapeError, match="no faces|cannot be read"):
+            read_mesh(tmp_path / name)

@@ -8,11 +8,11 @@ from sklearn import metrics as sk
 from sklearn.linear_model import LinearRegression
 
 from eigenbench import metrics
+from eigenbench.geometry import extents_along
 from eigenbench.intervals import crossed_weights, estimate, ratio
 from eigenbench.references import (
     Measured,
     calibrated_decision,
-    extents_along,
     measured_decision,
     one_sided_decision,
 )
