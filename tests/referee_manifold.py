@@ -16,7 +16,6 @@ import argparse
 import time
 from collections import Counter
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,7 +41,8 @@ class Left(NamedTuple):
     ----------
     positions : m^2 (m^3 in a lying drum) in which the object is within the walls
     free : m^2 or m^3 of them that no obstacle covers
-    reach : m, how far the freest place is from a wall or obstacle, along the floor
+    reach : m, how far the freest place is from a wall or obstacle, along the floor; in a lying drum the edge of a cube
+        as large as what is free
     place : (3,) that place, NaN where there is none
     """
 
@@ -184,7 +184,8 @@ def left_in_drum(environment: Manifold, cavity: Cavity, thing: Points) -> Left:
     largest = max(parts, key=lambda part: part.volume())
     place = np.zeros(3)
     place[order] = vertices_of(largest).mean(axis=0)
-    return Left(space.volume(), sum(part.volume() for part in parts), 0.0, place)
+    free = sum(part.volume() for part in parts)
+    return Left(space.volume(), free, free ** (1 / 3), place)
 
 
 def left_in(environment: Manifold, cavity: Cavity, thing: Points, by: str = "hull") -> Left:
@@ -316,14 +317,10 @@ def summary(rows: list[dict[str, Any]]) -> str:
     lines += [as_markdown(table)] if table else []
     missed = [r for r in negative if "missed" in r["by"]]
     if missed:
-        reaches = np.sort([r["reach"] for r in missed])
         real = sum(r["shared"] == 0.0 and r["held"] for r in missed)
-        lines += ["", f"Missed places: {len(missed)}, free of the environment there {real}."]
-        edges = (0.0, 1e-4, 1e-3, 1e-2, np.inf)
-        lines += [
-            f"Of reach {1e3 * a:g} to {1e3 * b:g} mm: {np.sum((reaches >= a) & (reaches < b))}"
-            for a, b in pairwise(edges)
-        ]
+        lines += ["", f"Missed places: {len(missed)}; in {real} of them the mesh is free of the environment.", ""]
+        keys = ("key", "name", "margin", "share", "reach", "by")
+        lines += [as_markdown([{k: f"{r[k]:.2g}" if isinstance(r[k], float) else r[k] for k in keys} for r in missed])]
     lines += ["", f"Median {1e3 * np.median([r['seconds'] for r in rows]):.0f} ms a pair."]
     return "\n".join(lines)
 

@@ -12,6 +12,7 @@ from posed_pairs import Ledger, pairs_of
 from referee_manifold import holds, judge, left_in, run, summary
 from scipy.spatial.transform import Rotation
 
+from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.fit import GAP
 from eigenbench.generators.library import load_library
 from eigenbench.generators.primitives import cylinder
@@ -218,3 +219,14 @@ def test_drops_are_counted(tmp_path):
     assert {row["ends"] for row in rows} <= {"drop", "rest", "stays"}
     assert [json.loads(line)["task"] for line in (tmp_path / "drops.jsonl").read_text().splitlines()[1:]] == ["top"] * 3
     assert summary_of_drops(rows).splitlines()[2].startswith("| top, all | 3 |")
+
+
+@pytest.mark.parametrize(("category", "index"), [("kettle", 0), ("bucket", 5), ("dispenser", 3)])
+def test_objects_stay_upright(category, index):
+    """An object of the library stays in its rest pose: where positives tip over, it is their rotation that tips them."""
+    pytest.importorskip("mujoco", reason="the drop test needs mujoco, extra dev")
+    from referee_mujoco import Trial, drop
+
+    mesh = make_shape("object", category, index).mesh
+    vertices = mesh.vertices - mesh.vertices.mean(axis=0)
+    assert drop(Trial([FLOOR], vertices, mesh.faces, np.array([0.0, 0.0, GAP - vertices[:, 2].min()]))) == "stays"
