@@ -26,6 +26,7 @@ from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model, soup_model
 from eigenbench.generators.pairs import (
+    KEEP,
     LENGTH_0,
     NO_CANDIDATE,
     OTHER_SHAPE,
@@ -37,6 +38,7 @@ from eigenbench.generators.pairs import (
     box_of,
     centre_object,
     conclude,
+    drawn,
     hull_in_scene,
     is_between,
     is_clear,
@@ -72,8 +74,8 @@ HALVINGS = 7
 """Of the interval in which the size at which a swept pair just fits is searched."""
 BATCH = 64
 """Placements that are looked at together."""
-LEAN = 0.88
-"""Objects are drawn against cavities of that share of their size, since what reaches in turns some away."""
+LARGER_KEPT = 0.55
+"""Of the objects that no cavity's box could hold, the share that is kept, since what reaches in turns others away."""
 FLUSH = 2.0**-22
 """Faces that reach less than that into a cavity are its walls; over the diameter of the environment."""
 
@@ -576,15 +578,17 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: FitTables, rows: R
     shape, scale = rows.env_index[row], rows.env_size[row]
     hull = turn_object(key, pair, attempt, objects, rows, row)
     box = box_of(hull)
-    critical = LEAN * roomiest(cavities, shape, hull, box) * scale
+    critical = roomiest(cavities, shape, hull, box) * scale
     if is_between(key, pair, attempt, law):
         other, other_scale = drawn_environment(key, pair, attempt, OTHER_SHAPE, choice)
-        other_size = LEAN * roomiest(cavities, other, hull, box) * other_scale * choice.diameters[other]
+        other_size = roomiest(cavities, other, hull, box) * other_scale * choice.diameters[other]
         size = size_between(key, pair, attempt, critical, other_size, rows, row)
         if size == 0.0:
             return False
     else:
         size = size_object(key, pair, attempt, law, critical, OBJECT[0], _LOG_OBJECT, rows, row)
+    if not law.independent and size > critical and drawn(key, pair, attempt, KEEP) >= LARGER_KEPT:
+        return False
     centre_object(objects, rows, row)
     write_lengths(cavities, cavities.largest[shape], scale, size, box, rows, row)
     return label(key, pair, law, hull, box, longest, tables, rows, row)

@@ -38,14 +38,15 @@ NEAR = 0.1
 NEAR_SHARE = 0.13
 """The ratio's logarithm lies within NEAR of 0 with this probability; it is uniform within and uniform without."""
 
-BETWEEN_SHARE = 0.5
-"""Share of the pairs of library environments in which a second one decides the object's size, see `size_between`."""
+BETWEEN_SHARE = 0.62
+"""Share of the attempts at pairs of library environments in which a second one decides the object's size, see
+`size_between`: so that a probe of the object alone and one of the environment alone do about equally well."""
 NEAR_KEPT = 0.25
 """Of such pairs within NEAR of 1, the share that is kept, so that there are about as many as by the ratio law."""
 
 FITS, LENGTH_0, NO_CANDIDATE, OUTLINE = (REASONS[k] for k in ("fits", "length_0", "no_candidate", "outline"))
 
-SHAPE, RATIO, SIDES, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 24, 32, 64, 512
+SHAPE, RATIO, SIDES, KEEP, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 20, 24, 32, 64, 512
 """First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, another's,
 rotations."""
 _DRAWS_PER_ATTEMPT = 1024
