@@ -138,9 +138,9 @@ def test_referee_of_fit_goes_on_where_it_stopped(tmp_path):
 
 
 def test_referee_sees_a_wrong_witness():
-    """A positive that is moved by half its room is contradicted by volume or by its cavity."""
+    """A positive that is lowered by a centimetre is contradicted by volume and by its cavity."""
     pair = next(p for p in pairs_of("fit", "test") if p.of("label"))
-    pair.of("witness")[0] += pair.of("env_lengths")[0] / 2
+    pair.of("witness")[2] -= 0.01
     found = judge(pair)
     assert found["shared"] > 0.0
     assert not found["held"]
