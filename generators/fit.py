@@ -840,24 +840,23 @@ def _holds(cavity: Cavity, points: Points, scale: float) -> bool:
 
 
 def _is_enclosed(point: Points, triangles: Points) -> bool:
-    """Say whether most axes through a point see it inside: signed crossings of the surface (n, 3, 3) ahead of it.
+    """Say whether a point lies in the solid that triangles (n, 3, 3) bound, by the rule of `inside_solid`.
 
-    Seen along an axis, a triangle around the point counts with the sign of its area; around a point in a solid the
-    crossings ahead do not cancel.
+    Along each axis a triangle around the point counts with the sign of its area, before or behind it. A line whose sums
+    are both zero says free, both other than zero solid; the lines vote.
     """
     votes = 0
     for axis in range(3):
         a, b = across(axis)
         corners = triangles - point
         x, y = corners[:, :, a], corners[:, :, b]
-        turns = [x[:, i] * y[:, j] - x[:, j] * y[:, i] for i, j in ((0, 1), (1, 2), (2, 0))]
-        around = np.all(np.array(turns) > 0, axis=0) | np.all(np.array(turns) < 0, axis=0)
-        if not around.any():
-            continue
-        weights = np.array(turns)[:, around]
-        height = (weights[[1, 2, 0]] * corners[around, :, axis].T).sum(axis=0) / weights.sum(axis=0)
-        votes += int(np.sum(np.sign(weights[0])[height > 0]) != 0)
-    return votes >= 2
+        turns = np.array([x[:, i] * y[:, j] - x[:, j] * y[:, i] for i, j in ((1, 2), (2, 0), (0, 1))])
+        around = np.all(turns > 0, axis=0) | np.all(turns < 0, axis=0)
+        height = (turns[:, around] * corners[around, :, axis].T).sum(axis=0) / turns[:, around].sum(axis=0)
+        signs = np.sign(turns[0, around])
+        before, after = signs[height < 0].sum() != 0, signs[height >= 0].sum() != 0
+        votes += 0 if before != after else (1 if before else -1)
+    return votes > 0
 
 
 FAMILY = Family(tables, fill, placements, reference, confirm=confirm, left_out=left_out)
