@@ -317,6 +317,6 @@ def _print_table_made(manifests: Mapping[Path | str, Manifest]) -> None:
         numbers = (m.audit.relabelled, m.audit.confirmed, m.audit.mismatches, len(m.shapes_left_out))
         shares = (f"{m.recipe.pairs:,}", f"{m.positive_rate:.1%}")
         table.add_row(printable(str(folder)), *shares, *(f"{n:,}" for n in numbers), m.digest[:16])
-    _console.print(table)
+    _wide.print(table)
     if any(m.shapes_left_out for m in manifests.values()):
         _console.print(f"left out: shapes that the task does not draw; each folder's {MANIFEST} names them")

@@ -49,13 +49,14 @@ def by_reference(record: Any) -> Any:
     A NamedTuple itself is handed from kernel to kernel as hundreds of scalars: that takes minutes to compile, and
     half of the time to run. Anything else is returned as it is.
     """
-    return _reference(type(record))(*record) if hasattr(record, "_fields") else record
+    kind: Any = type(record)
+    return _reference(kind)(*record) if hasattr(record, "_fields") else record
 
 
 @lru_cache(maxsize=32)
-def _reference(record: type) -> Any:
+def _reference(record: Any) -> Any:
     """Return the constructor of references to one kind of record."""
-    names = list(record._fields)  # type: ignore[attr-defined]
+    names = list(record._fields)
     name = record.__name__
 
     def preprocess_fields(_self: object, fields: Any) -> Any:

@@ -161,7 +161,7 @@ def _shares(cavities: list[Cavity]) -> NDArray[np.int64]:
         return np.zeros(0, dtype=np.int64)
     floors = np.array([c.sizes[0] * c.sizes[1] for c in cavities])
     ends = np.rint(TRIED * np.cumsum(floors) / floors.sum()).astype(np.int64)
-    return np.diff(ends, prepend=0)
+    return np.asarray(np.diff(ends, prepend=0))
 
 
 def _obstacles(surface: Surface, shape: int, cavity: Cavity) -> Floats:

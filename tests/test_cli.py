@@ -109,7 +109,7 @@ def test_several_tasks_end_with_a_table(tmp_path):
     options = ("--split", "test", "--pairs", 20, "--draws", "independent", "--workers", 1)
     done = run("generate", "--task", "tube,box-110010,tube", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("data/")]
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith(" data/")]
     assert [(r[0], r[1], r[5]) for r in rows] == [(f"data/{t}/test", "20", "0") for t in ("tube", "box-110010")]
     done = run("generate", "--task", "box-110010", *options, "--json", cwd=tmp_path)
     (found,) = json.loads(done.stdout)
