@@ -18,7 +18,9 @@ from manifold3d import Manifold, Mesh64
 from scipy import stats
 
 from eigenbench.generators.choices import choice_of, drawn_environment
+from eigenbench.generators.compiled import by_reference
 from eigenbench.generators.fit import GAP, left_out
+from eigenbench.generators.pairs import ENV_SHAPE
 from eigenbench.generators.philox import key_of
 from eigenbench.records import Recipe
 from eigenbench.shard_format import REASONS
@@ -205,7 +207,8 @@ def test_environments_are_chosen_by_category_first(task):
     library, out = stock.environments, block_of(task, 1, "train").maker.family.left_out(stock)
     choice = choice_of(library, [name.decode() not in out for name in library.names])
     key = key_of(Recipe(task, "train", 1))
-    drawn = [drawn_environment(key, pair, 0, 24, choice) for pair in range(12_000)]
+    referred = by_reference(choice)
+    drawn = [drawn_environment(key, pair, 0, ENV_SHAPE, referred) for pair in range(12_000)]
     shapes, scales = np.array([s for s, _ in drawn]), np.array([s for _, s in drawn])
     categories, counts = np.unique(library.categories[shapes], return_counts=True)
     assert len(categories) == len(choice.category_start) - 1

@@ -5,6 +5,7 @@ import pytest
 from blocks import CLOUD_GRID, GRID, block_of, env_triangles, in_scene, matrix, stock_of
 from scipy import stats
 
+from eigenbench.generators.choices import SCALE
 from eigenbench.generators.mug import PEG_LENGTH, left_out
 from eigenbench.shard_format import REASONS
 
@@ -75,13 +76,15 @@ def test_a_positive_peg_passes_and_no_place_is_better_by_far(block):
 
 
 def test_peg_cloud_is_a_cylinder_along_the_hole(block):
-    """Points lie on the peg's side or ends, evenly, about the origin; it is 1.5 times the mug's longest side long."""
-    t = block.targets
+    """Points lie on the peg's side or ends, evenly; all pegs are 1.5 times the longest side of the largest mug long."""
+    t, mugs = block.targets, block.maker.stock.environments
+    sides = [np.ptp(mugs.hull(k), axis=0).max() * mugs.diameters[k] for k, m in enumerate(mugs.measures) if m.handle]
+    length = PEG_LENGTH * SCALE[1] * max(sides)
     for row in LOOKED_AT:
         cloud = block.inputs["obj_points"][row].astype(float)
         along, away = cloud @ axis_of(block, row), np.linalg.norm(across(block, row, cloud), axis=1)
         diameter = t["obj_lengths"][row, 0]
-        length = PEG_LENGTH * np.ptp(env_triangles(block, row).reshape(-1, 3), axis=0).max()
+        assert length > np.ptp(env_triangles(block, row).reshape(-1, 3), axis=0).max()
         assert t["obj_scale"][row] == pytest.approx(np.hypot(length, diameter), abs=2 * GRID)
         on_end = np.abs(np.abs(along) - length / 2) <= CLOUD_GRID
         assert (on_end | (np.abs(away - diameter / 2) <= CLOUD_GRID)).all()

@@ -109,8 +109,7 @@ def test_independent_draws_leave_the_environment_alone(task):
         slack = np.where(free["binding"], free["env_lengths"] - free["obj_lengths"], np.inf)
         clauses = [slack[:, list(clause)].min(axis=1) for clause in find_task(task).clauses]
         assert np.array_equal(free["label"], np.max(clauses, axis=0) > 0)
-    if task != "mug":  # the enclosing ball of a peg is as large as its mug
-        assert dependence(free, "obj_scale") > 1e-4
+    assert dependence(free, "obj_scale") > 1e-4
     if task not in LIBRARY_TASKS:
         assert dependence(ratio, "obj_scale") < 1e-4
     assert abs(free["label"].mean() - ratio["label"].mean()) > 0.01
