@@ -110,7 +110,7 @@ def test_a_drum_is_round(axis, inhabited, tmp_path, monkeypatch):
     hole = primitives.cylinder(axis, (0.0, 0.0, 0.0), INNER / 2 / np.cos(np.pi / 192), INNER, sides=192)
     case = carved([box_mesh(1, 1, 1)], [hole])
     cavity = Cavity(*ROOM, axis=axis, radius=INNER / 2, inhabited=inhabited)
-    block = blocks_in(case, tmp_path, monkeypatch, draws="ratio", cavity=cavity)
+    block = blocks_in(case, tmp_path, monkeypatch, pairs=400, draws="ratio", cavity=cavity)
     t, room = block.targets, INNER * block.targets["env_scale"]
     posed = [obj_in_scene(block, row) for row in range(len(room))]
     rounds = np.array([2 * circle_radius(np.delete(p, axis, axis=1)) for p in posed])

@@ -160,7 +160,7 @@ def test_the_and_of_the_largest_cavity_is_not_the_label():
     for split in ("train", "test"):
         t = block_of("fit", PAIRS, split, clouds=False).targets
         composed = (t["env_lengths"] > t["obj_lengths"]).all(axis=1)
-        assert (composed == t["label"]).mean() > 0.85
+        assert (composed == t["label"]).mean() > 0.8
         assert (composed & ~t["label"]).sum() > 5
         beside += int((~composed & t["label"]).sum())
     assert beside > 0

@@ -134,7 +134,7 @@ def test_classes_and_lengths_are_balanced(task):
 
 
 TOO_NEAR = pytest.mark.xfail(
-    strict=True, reason="of fit, 29 % of the pairs lie within 10 % of their boundary, not 10 to 15 %"
+    strict=True, reason="of fit, 19 % of the pairs lie within 10 % of their boundary, not 10 to 15 %"
 )
 
 
