@@ -11,6 +11,7 @@ object's, s its size and c the two centres, an object point v lies at
 A placement counts as rounded: w lies on its grid, and t is what follows from it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,8 @@ _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
 HALF_CLOUD = 2.0 ** (CLOUD_BITS - 1)
+_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+_S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 9))
 _LOG_RATIO = float(np.log(RATIO_MAX))
 _NEAR_BELOW, _NEAR_ABOVE = float(np.exp(-NEAR)), float(np.exp(NEAR))
 
@@ -140,11 +143,13 @@ def unit_circle(turn: float) -> tuple[float, float]:
     """Return (cos, sin) of a turn in [0, 1) by their series: the same bits on every processor, unlike libm's."""
     quarter = np.floor(4.0 * turn + 0.5)
     x = (4.0 * turn - quarter) * 1.5707963267948966
-    square = x * x
-    c, s = 1.0, 1.0
-    for n in range(9, 0, -1):
-        c = 1.0 - c * square / ((2.0 * n - 1.0) * (2.0 * n))
-        s = 1.0 - s * square / ((2.0 * n) * (2.0 * n + 1.0))
+    q = x * x
+    c = 1.0 + q * (
+        _C[0] + q * (_C[1] + q * (_C[2] + q * (_C[3] + q * (_C[4] + q * (_C[5] + q * (_C[6] + q * _C[7]))))))
+    )
+    s = 1.0 + q * (
+        _S[0] + q * (_S[1] + q * (_S[2] + q * (_S[3] + q * (_S[4] + q * (_S[5] + q * (_S[6] + q * _S[7]))))))
+    )
     s *= x
     k = int(quarter) & 3
     if k == 0:
