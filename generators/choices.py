@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import ENV_SHAPE, Rows, choose_shape, drawn, on_length_grid, quaternion
 from eigenbench.generators.philox import Key
@@ -16,6 +16,7 @@ SCALE = (0.9, 1.1)
 """Scale of a library environment, uniform, as in the paper."""
 
 
+@referable
 class Choice(NamedTuple):
     """The environments that a task draws.
 

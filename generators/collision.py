@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.contacts import SLABS, Floats, Vector, contact, cross, dot, edges, new_slabs, reach
 from eigenbench.generators.lattice import crossing, vote
 from eigenbench.generators.trees import Indices, Integers, Trees
@@ -23,6 +23,7 @@ _PAD = 1e-12
 """Boxes are grown by this, for the rounding of their tests; the object's size is 1."""
 
 
+@referable
 class Hints(NamedTuple):
     """What a pair's candidates have shown so far. One record serves many pairs in turn.
 

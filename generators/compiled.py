@@ -19,6 +19,7 @@ from numba.experimental import structref
 from eigenbench.cache import cache_folder
 
 F = TypeVar("F", bound=Callable[..., object])
+R = TypeVar("R")
 
 
 def sources_digest() -> str:
@@ -41,6 +42,12 @@ def kernel(function: F) -> F:
     finally:
         config.CACHE_DIR = before
     return compiled
+
+
+def referable(record: type[R]) -> type[R]:
+    """Decorate a NamedTuple that `by_reference` takes: cached kernels look for its type when its module is imported."""
+    _reference(record)
+    return record
 
 
 def by_reference(record: Any) -> Any:

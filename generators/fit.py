@@ -22,7 +22,7 @@ from eigenbench.generators.choices import (
 from eigenbench.generators.circles import enclosing_circle
 from eigenbench.generators.collision import Hints, first_free, inside_solid, new_hints, reaching_in, sweep_of
 from eigenbench.generators.collision import Sweep as Contacts
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model, soup_model
 from eigenbench.generators.pairs import (
@@ -82,6 +82,7 @@ FLUSH = 2.0**-22
 _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 
 
+@referable
 class Cavities(NamedTuple):
     """The cavities of the environments, packed frame; C in all, of shape k cavities[start[k]:start[k + 1]].
 

@@ -17,7 +17,7 @@ from eigenbench.generators.choices import (
     measures_of,
     stand,
 )
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables
 from eigenbench.generators.fcl_engine import Points, Sweep, closed_prism, mesh_model, soup_model
 from eigenbench.generators.pairs import (
@@ -57,6 +57,7 @@ PEG_SIDES = 192
 _LOG_PEG = float(np.log(PEG[1] / PEG[0]))
 
 
+@referable
 class Gaps(NamedTuple):
     """The largest circle in each mug's handle, packed frame.
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.philox import (
     CANDIDATE,
     DRAW,
@@ -78,6 +78,7 @@ class Law(NamedTuple):
     rotated: bool
 
 
+@referable
 class Rows(NamedTuple):
     """A block of n pairs: the target fields of the same names, and what only the generator needs.
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.philox import BLOCK, Key, Quaternion, WordBlock, block_words, unit
 from eigenbench.shard_format import CLOUD_BITS, DIRECTION_BITS
 
@@ -18,6 +18,7 @@ _CLOUD = 2.0**CLOUD_BITS
 _DIRECTION = 2.0**DIRECTION_BITS
 
 
+@referable
 class Surface(NamedTuple):
     """The shapes of one split, packed. Shapes are in their rest frame, enclosing-ball diameter 1.
 

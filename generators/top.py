@@ -18,7 +18,7 @@ from eigenbench.generators.choices import (
     measures_of,
     take_environment,
 )
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
 from eigenbench.generators.outlines import (
@@ -70,6 +70,7 @@ FAR = 8.0
 _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 
 
+@referable
 class Tops(NamedTuple):
     """The countertops of the environments, packed frame; of shape k where `..._start` says so.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, referable
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -21,6 +21,7 @@ _BINS = 12
 _OUTWARD = 1.0 + 2.0**-22
 
 
+@referable
 class Trees(NamedTuple):
     """The trees of the shapes of one split, in their rest frame.
 
