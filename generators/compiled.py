@@ -46,7 +46,8 @@ def kernel(function: F) -> F:
 
 def referable(record: type[R]) -> type[R]:
     """Decorate a NamedTuple that `by_reference` takes: cached kernels look for its type when its module is imported."""
-    _reference(record)
+    kind: Any = record
+    _reference(kind)
     return record
 
 
