@@ -154,13 +154,22 @@ def test_drums_agree_with_fcl(block):
     )
 
 
+@pytest.mark.xfail(
+    strict=True, reason="the largest cavity's AND explains 84 to 86 % of the labels of fit, not yet 90 %"
+)
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_the_and_of_the_largest_cavity_explains_most_labels(split):
+    """The aim of the design: 90 % or more."""
+    t = block_of("fit", PAIRS, split, clouds=False).targets
+    assert ((t["env_lengths"] > t["obj_lengths"]).all(axis=1) == t["label"]).mean() >= 0.9
+
+
 def test_the_and_of_the_largest_cavity_is_not_the_label():
-    """What reaches in turns some away that its box would take, and some fit another cavity only; most follow the AND."""
+    """What reaches in turns some away that its box would take, and some fit another cavity only."""
     beside = 0
     for split in ("train", "test"):
         t = block_of("fit", PAIRS, split, clouds=False).targets
         composed = (t["env_lengths"] > t["obj_lengths"]).all(axis=1)
-        assert (composed == t["label"]).mean() > 0.8
         assert (composed & ~t["label"]).sum() > 5
         beside += int((~composed & t["label"]).sum())
     assert beside > 0
