@@ -7,7 +7,7 @@ faces exist: then the object's extent is held against the box's. An axis with on
 import numpy as np
 
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, objects_only
+from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, objects_only
 from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
@@ -203,8 +203,8 @@ def reference(pair: Pair) -> Sweep:
         low, high = (posed.hull + placement).min(axis=0), (posed.hull + placement).max(axis=0)
         return not (np.any((low <= -half) & faces[::2]) or np.any((high >= half) & faces[1::2]))
 
-    walls = mesh_model(np.concatenate(corners), triangles)
-    return Sweep.of(walls, mesh_model(posed.hull, hull_faces(pair)), inside)
+    walls = mesh_model(np.concatenate(corners) / posed.size, triangles)
+    return Sweep.of(walls, hull_model(pair), inside, posed.turn, posed.size)
 
 
 FAMILY = Family(tables, fill, placements, reference, sample)

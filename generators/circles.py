@@ -1,4 +1,6 @@
-"""The smallest circle around points of the plane, compiled for use inside kernels."""
+"""Circles, compiled for use inside kernels: points of the unit circle, the smallest circle around points."""
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +8,28 @@ from numpy.typing import NDArray
 from eigenbench.generators.compiled import kernel
 
 Points = NDArray[np.float64]
+
+_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+_S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 9))
+
+
+@kernel
+def unit_circle(turn: float) -> tuple[float, float]:
+    """Return (cos, sin) of a turn in [0, 1) by their series: the same bits on every processor, unlike libm's."""
+    quarter = np.floor(4.0 * turn + 0.5)
+    x = (4.0 * turn - quarter) * 1.5707963267948966
+    q = x * x
+    c = 1.0 + q * (
+        _C[0] + q * (_C[1] + q * (_C[2] + q * (_C[3] + q * (_C[4] + q * (_C[5] + q * (_C[6] + q * _C[7]))))))
+    )
+    s = 1.0 + q * (
+        _S[0] + q * (_S[1] + q * (_S[2] + q * (_S[3] + q * (_S[4] + q * (_S[5] + q * (_S[6] + q * _S[7]))))))
+    )
+    s *= x
+    # Selected, not branched to: then a loop of it is vector code.
+    one, two, three = quarter == 1.0, quarter == 2.0, quarter == 3.0
+    a, b = (s, c) if one or three else (c, s)
+    return -a if one or two else a, -b if two or three else b
 
 
 @kernel

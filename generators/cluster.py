@@ -10,7 +10,7 @@ import logging
 import re
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
@@ -62,7 +62,7 @@ class Cluster:
             self._stack.close()
             raise
 
-    def run(self, function: Callable[[Job], Done], jobs: Sequence[Job]) -> Iterator[Done]:
+    def run(self, function: Callable[[Job], Done], jobs: Iterable[Job]) -> Iterator[Done]:
         """Run the jobs, see `workers.Pool.run`; an error of a job is raised here as it was raised there.
 
         GenerationError if the scheduler is lost or silent, no worker is left, or one job was lost with its worker
@@ -71,9 +71,10 @@ class Cluster:
         executor = self._client.get_executor(pure=False)
         finished: SimpleQueue[Future[Done]] = SimpleQueue()
         expected = json.dumps(self._installation)
-        left = len(jobs)
+        left = 0
         try:
             for job in jobs:
+                left += 1
                 executor.submit(_run, expected, function, job).add_done_callback(finished.put)
             deserted = 0.0
             looked = monotonic()

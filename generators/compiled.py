@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numba
@@ -63,22 +64,32 @@ def by_reference(record: Any) -> Any:
 
 @lru_cache(maxsize=32)
 def _reference(record: Any) -> Any:
-    """Return the constructor of references to one kind of record."""
-    names = list(record._fields)
-    name = record.__name__
+    """Return the constructor of references to one kind of record.
+
+    Cached kernels find the type and its proxy by their names in the record's module.
+    """
+    names, name, module = list(record._fields), record.__name__, sys.modules[record.__module__]
 
     def preprocess_fields(_self: object, fields: Any) -> Any:
         return tuple((key, types.unliteral(kind)) for key, kind in fields)
 
     kind = structref.register(type(f"{name}Type", (types.StructRef,), {"preprocess_fields": preprocess_fields}))
-    # Cached kernels find the type by its name in the record's module.
-    kind.__module__ = record.__module__
-    setattr(sys.modules[record.__module__], kind.__name__, kind)
-    create = structref.StructRefProxy.__new__
-    proxy = type(
-        f"{name}Reference",
-        (structref.StructRefProxy,),
-        {"__new__": lambda cls, *args: create(cls, *args), "__slots__": ()},
-    )
+    proxy = type(f"{name}Reference", (structref.StructRefProxy,), {"__slots__": ()})
+    for made in (kind, proxy):
+        made.__module__ = record.__module__
+        setattr(module, made.__name__, made)
     structref.define_proxy(proxy, kind, names)
-    return proxy
+    return _constructor(proxy, names, module)
+
+
+def _constructor(proxy: Any, names: list[str], module: ModuleType) -> Any:
+    """Return a kernel that makes a reference from arrays; one that `structref` makes itself is compiled anew each time.
+
+    It is written as source, since each record has its own fields, under the name of the record's file, beside which
+    numba looks for its cache.
+    """
+    arguments = ", ".join(names)
+    source = f"def refer_{proxy.__name__}({arguments}):\n    return {proxy.__name__}({arguments})\n"
+    found: dict[str, Any] = {}
+    exec(compile(source, str(module.__file__), "exec"), vars(module), found)
+    return kernel(found[f"refer_{proxy.__name__}"])

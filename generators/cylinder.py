@@ -6,9 +6,9 @@ height.
 
 import numpy as np
 
-from eigenbench.generators.circles import enclosing_circle
+from eigenbench.generators.circles import enclosing_circle, unit_circle
 from eigenbench.generators.compiled import kernel
-from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
+from eigenbench.generators.family import Family, Pair, hull_model, objects_only
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
@@ -36,7 +36,6 @@ from eigenbench.generators.pairs import (
     store,
     turn_object,
     turn_scene,
-    unit_circle,
 )
 from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.surface import Floats, Surface, matrix_of
@@ -142,7 +141,7 @@ def on_walls(drawn: WordBlock, sizes: Floats, points: Floats) -> None:
     """Fill points (3, BLOCK) drawn evenly from wall and floor."""
     radius, height = sizes[0], sizes[1]
     floor = radius / (radius + 2.0 * height)
-    for i in range(BLOCK):
+    for i in range(np.uint64(BLOCK)):
         x, y = unit_circle(unit(drawn[1, i]))
         on_floor = unit(drawn[0, i]) < floor
         u = unit(drawn[2, i])
@@ -178,7 +177,7 @@ def reference(pair: Pair) -> Sweep:
         at = posed.hull + placement
         return bool(np.all(np.hypot(at[:, 0], at[:, 1]) < radius) and np.all(np.abs(at[:, 2]) < height / 2))
 
-    return Sweep.of(mesh_model(vertices, faces), mesh_model(posed.hull, hull_faces(pair)), inside)
+    return Sweep.of(mesh_model(vertices / posed.size, faces), hull_model(pair), inside, posed.turn, posed.size)
 
 
 FAMILY = Family(objects_only, fill, placements, reference, sample)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from eigenbench.errors import UsageError
-from eigenbench.generators.fcl_engine import Model, Sweep, soup_model
+from eigenbench.generators.fcl_engine import Model, Sweep, mesh_model, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import Law, Rows
 from eigenbench.generators.philox import Key
@@ -129,9 +129,19 @@ def hull_faces(pair: Pair) -> NDArray[np.int64]:
     return _hull_faces(pair.stock.of("object"), pair.obj_index)
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=1024)
 def _hull_faces(library: Library, shape: int) -> NDArray[np.int64]:
     return np.asarray(ConvexHull(library.hull(shape)).simplices, dtype=np.int64)
+
+
+def hull_model(pair: Pair) -> Model:
+    """Return the tree over an object's hull, in its rest frame at size 1."""
+    return _hull_model(pair.stock.of("object"), pair.obj_index)
+
+
+@lru_cache(maxsize=1024)
+def _hull_model(library: Library, shape: int) -> Model:
+    return mesh_model(library.hull(shape), _hull_faces(library, shape))
 
 
 def object_model(pair: Pair) -> Model:

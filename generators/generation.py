@@ -4,8 +4,8 @@ A shard is a pure function of (recipe, shapes, index). Workers share nothing and
 ends when its parent does, so an interrupted run can always be started again and goes on.
 """
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from eigenbench.generators import relabelling
 from eigenbench.generators.building import Maker, build
 from eigenbench.generators.family import Stock
 from eigenbench.generators.installation import library_versions
-from eigenbench.generators.library import LibraryReference
+from eigenbench.generators.library import LibraryReference, load_library
 from eigenbench.generators.outputs import Output, open_output
 from eigenbench.generators.sources import load_notes, parse_source, split_rule
 from eigenbench.generators.stock import find_stock, left_out, load_stock, references
@@ -57,11 +57,60 @@ class ShardJob:
 
 @dataclass(frozen=True, slots=True)
 class ShardDone:
-    """A finished shard: its manifest entry and what FCL checked."""
+    """A finished shard: whose it is, its manifest entry and what FCL checked."""
 
+    recipe: Recipe
     index: int
     entry: ShardEntry
     audit: Audit
+
+
+@dataclass(frozen=True, slots=True)
+class SplitRun:
+    """One split on its way: where it goes, from what, the shards to make and those that are done."""
+
+    output: Output
+    recipe: Recipe
+    stock: Stock
+    source: str
+    finished: Manifest | None
+    jobs: tuple[ShardJob, ...]
+    done: dict[int, ShardDone] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, output: Output, recipe: Recipe, stock: Stock, source: str, pool: Pool) -> "SplitRun":
+        """Prepare the place of a split and list its shards."""
+        finished = output.manifest()
+        output.prepare()
+        seen, shapes = output.seen_by(pool), references(stock, source, recipe.split)
+        sizes = shard_sizes(recipe.pairs)
+        jobs = (
+            ShardJob(recipe, shapes, seen, index, size, finished.shards[index] if finished else None)
+            for index, size in enumerate(sizes)
+        )
+        return cls(output, recipe, stock, source, finished, tuple(jobs))
+
+    def finish(self) -> Manifest:
+        """Write the manifest of a split whose shards are all done, and return it."""
+        done = [self.done[k] for k in range(len(self.jobs))]
+        _check_together(self.output, self.recipe, [d.entry for d in done])
+        if self.finished:
+            return self.finished
+        stock, source = self.stock, self.source
+        manifest = Manifest(
+            recipe=self.recipe,
+            shards=tuple(d.entry for d in done),
+            audit=sum((d.audit for d in done), Audit()),
+            shapes_source=source,
+            shapes_split={role: split_rule(source, role) for role in stock.roles},
+            shapes_used={f"{role}/{c}": n for role in stock.roles for c, n in stock.of(role).used.items()},
+            shapes_refused={k: v for role in stock.roles for k, v in stock.of(role).refused.items()},
+            shapes_left_out=left_out(stock),
+            shapes_notes={k: v for r in stock.roles for k, v in load_notes(source, r, self.recipe.split).items()},
+            versions=library_versions(),
+        )
+        self.output.finish(manifest)
+        return manifest
 
 
 def generate(
@@ -96,7 +145,7 @@ def generate(
     ShapeError : the shape source leaves no usable shape
     GenerationError : a worker died, the disk is full, the cluster is lost, or FCL contradicted a label
     """
-    tasks = chosen_tasks(task)
+    tasks, load = chosen_tasks(task), lru_cache(load_library)
     choose("split", split, (*SPLITS, "all"))
     kind = parse_source(shapes).kind
     with open_pool(workers, scheduler) as pool:
@@ -107,7 +156,7 @@ def generate(
                 for name in SPLITS if split == "all" else (split,):
                     size = FULL_SIZE[name] if pairs is None else pairs
                     recipe = Recipe(task_name, name, size, seed, protocol, draws, engine, audit, kind)
-                    stock = load_stock(shapes, name, find_task(task_name))
+                    stock = load_stock(shapes, name, find_task(task_name), load)
                     recipe = replace(recipe, shapes_digest=stock.digest)
                     output = open_output(out, task_name, name)
                     _check_folder(output, recipe)
@@ -119,11 +168,8 @@ def generate(
                     skipped(task_name, str(error))
                 continue
             plans += plan
-        manifests: dict[Path | str, Manifest] = {}
-        for output, recipe, stock in plans:
-            shown = _named(progress, recipe.task) if len(tasks) > 1 else progress
-            manifests[output.key] = _generate_split(output, recipe, stock, shapes, pool, shown)
-    return manifests
+        shown = progress and _named(progress, len(tasks) > 1)
+        return _generate([SplitRun.of(*plan, shapes, pool) for plan in plans], pool, shown)
 
 
 def chosen_tasks(names: str) -> tuple[str, ...]:
@@ -133,9 +179,15 @@ def chosen_tasks(names: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(find_task(name.strip()).name for name in names.split(",")))
 
 
-def _named(progress: Progress | None, task: str) -> Progress | None:
-    """Return the callback that is told the task beside the split."""
-    return progress and (lambda split, done, total: progress(f"{task} {split}", done, total))
+def _named(progress: Progress, several: bool) -> Callable[["SplitRun"], None]:
+    """Return what tells the callback how far a split is; its name has the task where there are several."""
+
+    def tell(run: SplitRun) -> None:
+        recipe = run.recipe
+        name = f"{recipe.task} {recipe.split}" if several else recipe.split
+        progress(name, sum(d.entry.pairs for d in run.done.values()), recipe.pairs)
+
+    return tell
 
 
 def _check_folder(output: Output, recipe: Recipe) -> None:
@@ -159,43 +211,28 @@ def _recipe_of(output: Output, name: str) -> Recipe | None:
         return None
 
 
-def _generate_split(
-    output: Output, recipe: Recipe, stock: Stock, source: str, pool: Pool, progress: Progress | None
-) -> Manifest:
-    finished = output.manifest()
-    output.prepare()
-    seen = output.seen_by(pool)
-    shapes = references(stock, source, recipe.split)
-    jobs = [
-        ShardJob(recipe, shapes, seen, index, size, finished.shards[index] if finished else None)
-        for index, size in enumerate(shard_sizes(recipe.pairs))
-    ]
-    done: dict[int, ShardDone] = {}
-    pairs = 0
-    if not pool.remote:
-        warm_up(jobs[0])
-    for shard in run_jobs(make_shard, jobs, pool):
-        done[shard.index] = shard
-        pairs += shard.entry.pairs
-        if progress:
-            progress(recipe.split, pairs, recipe.pairs)
-    _check_together(output, recipe, [done[k].entry for k in range(len(jobs))])
-    if finished:
-        return finished
-    manifest = Manifest(
-        recipe=recipe,
-        shards=tuple(done[k].entry for k in range(len(jobs))),
-        audit=sum((d.audit for d in done.values()), Audit()),
-        shapes_source=source,
-        shapes_split={role: split_rule(source, role) for role in stock.roles},
-        shapes_used={f"{role}/{c}": n for role in stock.roles for c, n in stock.of(role).used.items()},
-        shapes_refused={k: v for role in stock.roles for k, v in stock.of(role).refused.items()},
-        shapes_left_out=left_out(stock),
-        shapes_notes={k: v for role in stock.roles for k, v in load_notes(source, role, recipe.split).items()},
-        versions=library_versions(),
-    )
-    output.finish(manifest)
-    return manifest
+def _generate(runs: list[SplitRun], pool: Pool, tell: Callable[[SplitRun], None] | None) -> dict[Path | str, Manifest]:
+    """Make the shards of all splits in one stream, so that no worker waits at the end of one; finish each split."""
+    by_recipe = {run.recipe: run for run in runs}
+    manifests = {}
+    for shard in run_jobs(make_shard, _warmed(runs, pool), pool):
+        run = by_recipe[shard.recipe]
+        run.done[shard.index] = shard
+        if tell:
+            tell(run)
+        if len(run.done) == len(run.jobs):
+            manifests[run.output.key] = run.finish()
+    return {run.output.key: manifests[run.output.key] for run in runs}
+
+
+def _warmed(runs: list[SplitRun], pool: Pool) -> Iterator[ShardJob]:
+    """Yield the jobs of all splits, each task's after its kernels are compiled here, so that none compiles twice."""
+    warm = set()
+    for run in runs:
+        if run.recipe.task not in warm and not pool.remote:
+            warm_up(run.jobs[0])
+            warm.add(run.recipe.task)
+        yield from run.jobs
 
 
 def _check_together(output: Output, recipe: Recipe, entries: list[ShardEntry]) -> None:
@@ -257,7 +294,7 @@ def make_shard(job: ShardJob) -> ShardDone:
             "Other library versions give other bytes; use those that the manifest names."
         )
         raise GenerationError(msg)
-    return ShardDone(job.index, entry, counts)
+    return ShardDone(job.recipe, job.index, entry, counts)
 
 
 def _check_owner(job: ShardJob) -> None:
@@ -288,4 +325,4 @@ def _finished(job: ShardJob) -> ShardDone | None:
         audit = Audit(**about["audit"])
     except (DataError, UsageError, KeyError, TypeError):
         return None
-    return ShardDone(job.index, entry, audit) if whole and job.expected in (None, entry) else None
+    return ShardDone(job.recipe, job.index, entry, audit) if whole and job.expected in (None, entry) else None

@@ -17,6 +17,7 @@ from eigenbench.generators.choices import (
     measures_of,
     stand,
 )
+from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables
 from eigenbench.generators.fcl_engine import Points, Sweep, closed_prism, mesh_model, soup_model
@@ -42,7 +43,6 @@ from eigenbench.generators.pairs import (
     spread,
     store,
     turn_scene,
-    unit_circle,
 )
 from eigenbench.generators.philox import BLOCK, OBJ_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.surface import Floats, Surface, matrix_of, rounded_quaternion
@@ -224,7 +224,7 @@ def placements(key: Key, pair: int, law: Law, tables: MugTables, rows: Rows, row
 def on_peg(drawn: WordBlock, diameter: float, length: float, points: Floats) -> None:
     """Fill points (3, BLOCK) drawn evenly from a cylinder along z with both ends."""
     ends = 0.5 * diameter / (0.5 * diameter + length)
-    for i in range(BLOCK):
+    for i in range(np.uint64(BLOCK)):
         x, y = unit_circle(unit(drawn[1, i]))
         on_end = unit(drawn[0, i]) < ends
         u = unit(drawn[2, i])

@@ -11,7 +11,6 @@ object's, s its size and c the two centres, an object point v lies at
 A placement counts as rounded: w lies on its grid, and t is what follows from it.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -54,8 +53,6 @@ _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
 HALF_CLOUD = 2.0 ** (CLOUD_BITS - 1)
-_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
-_S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 9))
 _LOG_RATIO = float(np.log(RATIO_MAX))
 _NEAR_BELOW, _NEAR_ABOVE = float(np.exp(-NEAR)), float(np.exp(NEAR))
 
@@ -137,29 +134,6 @@ def on_length_grid(x: float) -> float:
 def on_wall_grid(x: float) -> float:
     """Round a full size so that half of it lies on the grid of clouds."""
     return float(np.rint(x * HALF_CLOUD) / HALF_CLOUD)
-
-
-@kernel
-def unit_circle(turn: float) -> tuple[float, float]:
-    """Return (cos, sin) of a turn in [0, 1) by their series: the same bits on every processor, unlike libm's."""
-    quarter = np.floor(4.0 * turn + 0.5)
-    x = (4.0 * turn - quarter) * 1.5707963267948966
-    q = x * x
-    c = 1.0 + q * (
-        _C[0] + q * (_C[1] + q * (_C[2] + q * (_C[3] + q * (_C[4] + q * (_C[5] + q * (_C[6] + q * _C[7]))))))
-    )
-    s = 1.0 + q * (
-        _S[0] + q * (_S[1] + q * (_S[2] + q * (_S[3] + q * (_S[4] + q * (_S[5] + q * (_S[6] + q * _S[7]))))))
-    )
-    s *= x
-    k = int(quarter) & 3
-    if k == 0:
-        return c, s
-    if k == 1:
-        return -s, c
-    if k == 2:
-        return -c, -s
-    return s, -c
 
 
 @kernel

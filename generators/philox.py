@@ -68,9 +68,10 @@ def block_words(key: Key, pair: int, stream: int, first: int, out: WordBlock) ->
     """Fill `out` (4, n) with the words at the indices first, first + 1, ...: column i is `words` at first + i."""
     number = np.uint64(pair)
     low, high = number & _MASK, number >> _32
-    for i in range(out.shape[1]):
-        a, b, c, d = block(key[0], key[1], first + i, stream, low, high)
-        out[0, i], out[1, i], out[2, i], out[3, i] = a, b, c, d
+    start = np.uint64(first)
+    for i in range(np.uint64(out.shape[1])):  # unsigned: else the check for negative indices keeps it from vectors
+        a, b, c, d = block(key[0], key[1], start + i, stream, low, high)
+        out[0, i], out[1, i], out[2, i], out[3, i] = np.uint32(a), np.uint32(b), np.uint32(c), np.uint32(d)
 
 
 @kernel

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.building import Block
-from eigenbench.generators.philox import AUDIT, key_of, uniform
+from eigenbench.generators.compiled import kernel
+from eigenbench.generators.philox import AUDIT, Key, key_of, uniform
 from eigenbench.records import Arrays, Audit, Recipe
 from eigenbench.shard_format import REASONS
 
@@ -50,9 +51,21 @@ def near_boundary(targets: Arrays) -> NDArray[np.bool_]:
     return targets["label"] & (targets["margin"] < CONFIRM_BELOW * length)
 
 
-def is_audited(recipe: Recipe, pair: int) -> bool:
-    """Say whether a pair belongs to the random share that is labelled twice."""
-    return bool(uniform(key_of(recipe), pair, AUDIT, 0) < recipe.audit)
+def audited_rows(recipe: Recipe, first: int, count: int) -> list[int]:
+    """Return the rows of a shard that belong to the random share that is labelled twice, one at least."""
+    if recipe.audit <= 0:
+        return []
+    draws = np.zeros(count)
+    _draw_audit(key_of(recipe), first, draws)
+    rows: list[int] = np.flatnonzero(draws < recipe.audit).tolist()
+    return rows or [int(uniform(key_of(recipe), first, AUDIT, 1) * count)]
+
+
+@kernel
+def _draw_audit(key: Key, first: int, draws: Points) -> None:
+    """Fill the (n,) uniform numbers that decide which pairs are audited."""
+    for i in range(len(draws)):
+        draws[i] = uniform(key, first + i, AUDIT, 0)
 
 
 def disagreement(block: Block, row: int, second: Relabelled) -> str:
@@ -75,9 +88,7 @@ def audit(block: Block) -> tuple[Audit, list[str]]:
     """
     recipe, first, count = block.maker.recipe, block.first, len(block.targets["label"])
     troubles: list[str] = []
-    audited = [row for row in range(count) if is_audited(recipe, first + row)]
-    if recipe.audit > 0 and not audited:  # every shard has its check, however small
-        audited = [int(uniform(key_of(recipe), first, AUDIT, 1) * count)]
+    audited = audited_rows(recipe, first, count)
     for row in audited:
         if said := disagreement(block, row, relabel(block, row)):
             troubles.append(f"pair {first + row}: {said}")

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from eigenbench.generators import fcl_engine
+from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
 from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model
@@ -36,7 +37,6 @@ from eigenbench.generators.pairs import (
     store,
     turn_object,
     turn_scene,
-    unit_circle,
 )
 from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.primitives import icosphere
@@ -135,7 +135,7 @@ def placements(key: Key, pair: int, law: Law, tables: tuple[Surface], rows: Rows
 @kernel
 def on_shell(drawn: WordBlock, sizes: Floats, points: Floats) -> None:
     """Fill points (3, BLOCK) drawn evenly from the shell: z and the turn about it are uniform, as Archimedes found."""
-    for i in range(BLOCK):
+    for i in range(np.uint64(BLOCK)):
         x, y = unit_circle(unit(drawn[0, i]))
         z = 2.0 * unit(drawn[1, i]) - 1.0
         level = sizes[0] * np.sqrt(1.0 - z * z)

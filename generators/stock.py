@@ -1,5 +1,6 @@
 """The shapes that one task draws from one split of a source, for either side."""
 
+from collections.abc import Callable
 from functools import lru_cache
 
 from eigenbench.errors import ShapeError
@@ -8,14 +9,14 @@ from eigenbench.generators.library import Library, LibraryReference, find_librar
 from eigenbench.tasks import TaskSpec
 
 
-def load_stock(source: str, split: str, task: TaskSpec) -> Stock:
-    """Build or fetch the shapes of a task.
+def load_stock(
+    source: str, split: str, task: TaskSpec, load: Callable[[str, str, str], Library] = load_library
+) -> Stock:
+    """Build or fetch the shapes of a task; `load` may remember what other tasks asked for.
 
     UsageError for an unknown source, ShapeError where a side has no usable shape, or none that the task can draw.
     """
-    objects, environments = (
-        None if r is None else load_library(source, split, r) for r in (task.object, task.environment)
-    )
+    objects, environments = (None if r is None else load(source, split, r) for r in (task.object, task.environment))
     stock = Stock(task, objects, environments)
     out = left_out(stock)
     for role in stock.roles:
@@ -42,7 +43,7 @@ def find_stock(task: TaskSpec, shapes: tuple[LibraryReference, ...]) -> Stock:
     return Stock(task, objects, environments)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _find(reference: LibraryReference) -> Library:
     """Read packed shapes once a process, whichever tasks use them."""
     return find_library(reference)

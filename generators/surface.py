@@ -109,21 +109,6 @@ def matrix_of(q: Quaternion) -> Floats:
 
 
 @kernel
-def bounds(points: Floats, first: int, last: int, m: Floats) -> Floats:
-    """Return the (2, 3) lowest and highest coordinates of points[first:last] turned by `m`."""
-    box = np.zeros((2, 3))
-    for axis in range(3):
-        low, high = np.inf, -np.inf
-        a, b, c = m[axis, 0], m[axis, 1], m[axis, 2]
-        for i in range(first, last):
-            value = a * points[i, 0] + b * points[i, 1] + c * points[i, 2]
-            low = min(low, value)
-            high = max(high, value)
-        box[0, axis], box[1, axis] = low, high
-    return box
-
-
-@kernel
 def round_cloud(points: Floats, out: NDArray[np.float32]) -> None:
     """Store the first n columns of `points` (3, k) as the rows of `out` (n, 3), rounded to the cloud grid."""
     for i in range(len(out)):

@@ -19,7 +19,7 @@ from eigenbench.generators.choices import (
     take_environment,
 )
 from eigenbench.generators.compiled import kernel, referable
-from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_faces, object_model
+from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, object_model
 from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
 from eigenbench.generators.outlines import (
     convex_hull,
@@ -349,8 +349,8 @@ def confirm(pair: Pair) -> Sweep:
     posed, outline = pair.posed(), _outline_of(pair)
     if not is_convex(outline):
         return reference(pair)
-    walls = mesh_model(*belt(outline, 2, -FAR, FAR))
-    return Sweep.of(walls, mesh_model(posed.hull, hull_faces(pair)), _inside(posed.hull, outline))
+    walls = mesh_model(*belt(outline / posed.size, 2, -FAR / posed.size, FAR / posed.size))
+    return Sweep.of(walls, hull_model(pair), _inside(posed.hull, outline), posed.turn, posed.size)
 
 
 def _outline_of(pair: Pair) -> Points:

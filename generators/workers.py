@@ -4,10 +4,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from itertools import chain, islice
 from multiprocessing.connection import wait
 from typing import Protocol, TypeVar
 
@@ -29,8 +30,11 @@ class Pool(Protocol):
     remote: bool
     alone: bool
 
-    def run(self, function: Callable[[Job], Done], jobs: Sequence[Job]) -> Iterator[Done]:
-        """Yield `function(job)` for every job, in the order in which they finish; leaving early cancels the rest."""
+    def run(self, function: Callable[[Job], Done], jobs: Iterable[Job]) -> Iterator[Done]:
+        """Yield `function(job)` for every job, in the order in which they finish; leaving early cancels the rest.
+
+        Work begins on the first jobs while the later ones are still being made.
+        """
         ...
 
     def ask_all(self, function: Callable[[str], str], argument: str) -> dict[str, str]:
@@ -73,7 +77,7 @@ def open_pool(workers: int | None = None, scheduler: str | None = None) -> Itera
         pool.close()
 
 
-def run_jobs(function: Callable[[Job], Done], jobs: Sequence[Job], workers: int | Pool) -> Iterator[Done]:
+def run_jobs(function: Callable[[Job], Done], jobs: Iterable[Job], workers: int | Pool) -> Iterator[Done]:
     """Yield `function(job)` for every job, in the order in which they finish.
 
     `workers` is a pool, or a number of processes that end with this call. However the iteration ends, no
@@ -100,10 +104,12 @@ class Processes:
         self._executor: ProcessPoolExecutor | None = None
         self._others: set[multiprocessing.process.BaseProcess] = set()
 
-    def run(self, function: Callable[[Job], Done], jobs: Sequence[Job]) -> Iterator[Done]:
+    def run(self, function: Callable[[Job], Done], jobs: Iterable[Job]) -> Iterator[Done]:
         """Run the jobs, see `Pool.run`; a single job, or a single worker, runs in this process."""
-        if min(self._workers, len(jobs)) <= 1:
-            yield from map(function, jobs)
+        left = iter(jobs)
+        first = list(islice(left, 2))
+        if min(self._workers, len(first)) <= 1:
+            yield from map(function, chain(first, left))
             return
         if self._executor is None:
             self._others = set(multiprocessing.active_children())
@@ -111,10 +117,13 @@ class Processes:
             self._executor = ProcessPoolExecutor(self._workers, context, initializer=_die_with_parent)
         futures: list[Future[Done]] = []
         try:
-            for job in jobs:
+            told: set[Future[Done]] = set()
+            for job in chain(first, left):
                 futures.append(self._executor.submit(function, job))
-            for future in as_completed(futures):
-                yield future.result()
+                ended = {f for f in futures if f.done()} - told
+                told |= ended
+                yield from (f.result() for f in ended)
+            yield from (f.result() for f in as_completed([f for f in futures if f not in told]))
         except BrokenProcessPool as error:
             self.close()
             msg = (

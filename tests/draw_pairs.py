@@ -14,9 +14,9 @@ from posed_pairs import Points, PosedPair, indexed, pairs_of
 
 from eigenbench.generators import rasterising, rendering
 from eigenbench.generators.contact_sheets import CAPTION, FAINT, INK, TITLE, _text_band, write_png
-from eigenbench.generators.fit import GAP
 from eigenbench.generators.rendering import FACTOR, Image, View
 from eigenbench.generators.solids import Mesh, is_closed
+from eigenbench.generators.standing import GAP
 
 CELL = 420
 FITTING, UNFIT = (96, 160, 92), (206, 84, 72)

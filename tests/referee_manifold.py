@@ -25,8 +25,8 @@ from manifold3d import CrossSection, Manifold, OpType
 from posed_pairs import Ledger, Points, PosedPair, as_markdown, indexed, pairs_of
 from scipy.spatial import ConvexHull
 
-from eigenbench.generators.fit import GAP
 from eigenbench.generators.shapes import Cavity
+from eigenbench.generators.standing import GAP
 
 SIDES = 512
 """Of the polygon around a disc; circumscribed, so that no place is lost."""

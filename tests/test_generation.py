@@ -331,10 +331,16 @@ def test_meshes_of_the_user(mesh_folder, tmp_path):
 
 
 def test_warm_up_compiles_before_workers(monkeypatch, tmp_path):
-    """The kernels are compiled in the parent, so that workers only load them."""
+    """The kernels of a task are compiled in the parent before its first job is handed out, so workers only load them."""
     seen = []
-    monkeypatch.setattr(generation, "run_jobs", lambda f, jobs, _w: (seen.append("jobs"), map(f, jobs))[1])
+
+    def run_here(function, jobs, _pool):
+        for job in jobs:
+            seen.append(f"{job.recipe.task} {job.recipe.split}")
+            yield function(job)
+
+    monkeypatch.setattr(generation, "run_jobs", run_here)
     original = generation.warm_up
     monkeypatch.setattr(generation, "warm_up", lambda job: (seen.append("warm"), original(job)))
-    generate("tube", "test", 5, tmp_path, workers=3)
-    assert seen == ["warm", "jobs"]
+    generate("tube,sphere", pairs=5, out=tmp_path, workers=3)
+    assert seen == ["warm", "tube train", "tube test", "warm", "sphere train", "sphere test"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eigenbench.generators.pairs import unit_circle
+from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.philox import (
     BLOCK,
     block,

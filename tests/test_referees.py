@@ -13,11 +13,11 @@ from referee_manifold import holds, judge, left_in, run, summary
 from scipy.spatial.transform import Rotation
 
 from eigenbench.generators.catalogue import make_shape
-from eigenbench.generators.fit import GAP
 from eigenbench.generators.library import load_library
 from eigenbench.generators.primitives import cylinder
 from eigenbench.generators.shapes import Cavity
 from eigenbench.generators.solids import carved
+from eigenbench.generators.standing import GAP
 
 ROOM = Cavity((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 POST = Manifold.cube((0.2, 0.2, 1.0)).translate((0.4, 0.4, 0.0))

@@ -133,14 +133,7 @@ def test_classes_and_lengths_are_balanced(task):
     assert (shares[binding] >= (0.08 if task in LIBRARY_TASKS else 0.15)).all(), shares
 
 
-TOO_NEAR = pytest.mark.xfail(
-    strict=True, reason="of fit, 19 % of the pairs lie within 10 % of their boundary, not 10 to 15 %"
-)
-
-
-@pytest.mark.parametrize(
-    "task", [pytest.param(name, marks=TOO_NEAR if name.startswith("fit") else ()) for name in all_tasks()]
-)
+@pytest.mark.parametrize("task", all_tasks())
 def test_difficulty_is_spread(task):
     """10 to 15 % of the pairs, give or take two, have a margin within 10 % of the deciding length."""
     t = block_of(task, 4000, "train", clouds=False).targets
