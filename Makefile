@@ -45,7 +45,11 @@ check: $(VENV)/dev ## format, lint, types, layout
 	MYPYPATH=.typecheck $(BIN)/mypy -p eigenbench
 	$(BIN)/python -m pytest -q tests/test_layout.py
 
-bench: $(VENV)/core ## seconds, memory, ratios to other engines and mismatches of all tasks; BENCH=--quick is a tenth
+$(VENV)/bench: $(VENV)/core
+	$(PIP) -e '.[bench]'
+	touch $@
+
+bench: $(VENV)/bench ## seconds, memory, ratios to other engines and mismatches of all tasks; BENCH=--quick is a tenth
 	$(BIN)/python tests/bench_tasks.py --out out/mismatches.json $(BENCH)
 	$(BIN)/python tests/bench_fit.py
 	$(BIN)/python tests/bench_tube.py

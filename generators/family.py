@@ -171,7 +171,8 @@ class Family:
     sample : (key, first, rows, env_points), fills clouds (n, m, 3) of environments drawn afresh; None for shapes
     sample_object : the same for objects that are drawn afresh
     reference : the pair as FCL sees it
-    confirm : the same with only what a witness could touch, where that is much quicker
+    confirm : says whether FCL finds a positive's witness free; asks only about what it could touch, where that is
+        much quicker than `reference`
     left_out : the reason of every sound shape that the task does not draw, by name
     """
 
@@ -181,8 +182,16 @@ class Family:
     reference: Callable[[Pair], Sweep]
     sample: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
     sample_object: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
-    confirm: Callable[[Pair], Sweep] | None = None
+    confirm: Callable[[Pair], bool] | None = None
     left_out: Callable[[Stock], dict[str, str]] = lambda _stock: {}
+
+
+def is_confirmed(pair: Pair) -> bool:
+    """Say whether FCL finds the witness of a positive pair free."""
+    family = family_of(pair.stock.task)
+    if family.confirm is not None:
+        return family.confirm(pair)
+    return family.reference(pair).is_free(pair.posed().placement(np.asarray(pair.of("witness"))))
 
 
 def family_of(task: TaskSpec) -> Family:

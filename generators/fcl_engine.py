@@ -6,6 +6,7 @@ finds no contact *and* the object lies inside the ideal solid, which the task's 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import TypeAlias
 
 import fcl
@@ -18,6 +19,9 @@ Model: TypeAlias = fcl.CollisionGeometry
 
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()
+_SIGNS = np.array(list(product((-1, 0, 1), repeat=3)), dtype=np.float64)
+_DIAGONALS = _SIGNS[(np.abs(_SIGNS).sum(axis=1) > 1) & (_SIGNS @ [9, 3, 1] > 0)].T
+"""(3, 10) one of each two opposite diagonals of a cube and of its faces."""
 
 
 def mesh_model(vertices: Points, faces: Faces) -> fcl.BVHModel:
@@ -32,6 +36,21 @@ def mesh_model(vertices: Points, faces: Faces) -> fcl.BVHModel:
 def soup_model(triangles: Points) -> fcl.BVHModel:
     """Return triangles (n, 3, 3), corner by corner, as a tree of bounding volumes."""
     return mesh_model(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
+
+def near(triangles: Points, points: Points) -> NDArray[np.bool_]:
+    """Mark the triangles (n, 3, 3) that the convex hull of points (m, 3) might touch; no other can.
+
+    Those that none of 13 directions separates from it: the axes, and the diagonals of faces and of the cube.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    met: NDArray[np.bool_] = np.all((triangles.max(axis=1) >= low) & (triangles.min(axis=1) <= high), axis=1)
+    along, own = triangles[met] @ _DIAGONALS, points @ _DIAGONALS
+    room = 1e-9 * (1 + np.abs(own).max())  # rounding separates nothing
+    met[met] = np.all(
+        (along.max(axis=1) >= own.min(axis=0) - room) & (along.min(axis=1) <= own.max(axis=0) + room), axis=1
+    )
+    return met
 
 
 def peg(radius: float, length: float) -> fcl.Cylinder:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.family import Pair, hull_model, object_model
-from eigenbench.generators.fcl_engine import Points, Sweep, soup_model
+from eigenbench.generators.fcl_engine import Points, Sweep, near, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.rooms import CLEAR, across
 from eigenbench.generators.shapes import Cavity
@@ -21,20 +21,21 @@ def reference(pair: Pair) -> Sweep:
     return Sweep.of(walls, object_model(pair), _inside(pair, posed.hull), posed.turn, posed.size)
 
 
-def confirm(pair: Pair) -> Sweep:
-    """Return the same with the object's hull and only the faces near it: what a hull does not touch, its mesh does not.
+def confirm(pair: Pair) -> bool:
+    """Ask about the object's hull and only the faces near it: what a hull does not touch, its mesh does not.
 
     Where the hull does touch, the whole mesh is asked.
     """
-    posed, size = pair.posed(), pair.env_size
+    posed, triangles = pair.posed(), _unit_triangles(pair)
     placed = posed.placement(np.asarray(pair.of("witness")))
-    low, high = (posed.hull + placed).min(axis=0) / size, (posed.hull + placed).max(axis=0) / size
-    lowest, highest = _bounds(pair.stock.of("environment"), pair.env_index)
-    near = np.all((highest >= low) & (lowest <= high), axis=1)
-    near[0] |= not near.any()  # FCL wants a wall
-    walls = soup_model(_unit_triangles(pair)[near] * (size / posed.size))
-    by_hull = Sweep.of(walls, hull_model(pair), _inside(pair, posed.hull), posed.turn, posed.size)
-    return by_hull if by_hull.is_free(placed) else reference(pair)
+    met = near(triangles, (posed.hull + placed) / pair.env_size)
+    inside = _inside(pair, posed.hull)
+    if not met.any():
+        return inside(placed)
+    walls = soup_model(triangles[met] * (pair.env_size / posed.size))
+    if Sweep.of(walls, hull_model(pair), inside, posed.turn, posed.size).is_free(placed):
+        return True
+    return reference(pair).is_free(placed)
 
 
 def _unit_triangles(pair: Pair) -> Points:

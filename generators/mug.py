@@ -20,7 +20,7 @@ from eigenbench.generators.choices import (
 from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables
-from eigenbench.generators.fcl_engine import Points, Sweep, closed_prism, mesh_model, soup_model
+from eigenbench.generators.fcl_engine import Faces, Points, Sweep, closed_prism, mesh_model, near, soup_model
 from eigenbench.generators.pairs import (
     ENV_SHAPE,
     OTHER_SHAPE,
@@ -248,12 +248,30 @@ def sample_peg(key: Key, first: int, rows: Rows, obj_points: Floats32) -> None:
 
 def reference(pair: Pair) -> Sweep:
     """Return the pair as FCL sees it: the mug's mesh, and the peg as a prism around it."""
-    posed, mugs = pair.posed(), pair.stock.of("mug")
-    radius = float(pair.of("obj_lengths")[0]) / 2
+    return _sweep(pair, pair.stock.of("mug").triangles(pair.env_index), *_prism(pair))
+
+
+def confirm(pair: Pair) -> bool:
+    """Ask about the faces near the peg only."""
+    triangles, (vertices, faces), posed = pair.stock.of("mug").triangles(pair.env_index), _prism(pair), pair.posed()
+    placed = posed.placement(np.asarray(pair.of("witness")))
+    met = near(triangles, vertices @ posed.turn.T + placed / pair.env_size)
+    met[0] |= not met.any()  # FCL wants a wall
+    return _sweep(pair, triangles[met], vertices, faces).is_free(placed)
+
+
+def _prism(pair: Pair) -> tuple[Points, Faces]:
+    """Return vertices and faces of the prism around the peg, at the mug's size 1."""
+    radius, size = float(pair.of("obj_lengths")[0]) / 2, pair.env_size
     length = np.sqrt(float(pair.of("obj_scale")) ** 2 - 4 * radius**2)
     angle = 2 * np.pi * np.arange(PEG_SIDES) / PEG_SIDES
     corners = radius / np.cos(np.pi / PEG_SIDES) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    size, gap = pair.env_size, mugs.measures[pair.env_index].handle
+    return closed_prism(corners / size, 2, -length / 2 / size, length / 2 / size)
+
+
+def _sweep(pair: Pair, triangles: Points, vertices: Points, faces: Faces) -> Sweep:
+    """Put a prism before triangles of the mug; inside is where its axis passes through the handle's gap."""
+    posed, size, gap = pair.posed(), pair.env_size, pair.stock.of("mug").measures[pair.env_index].handle
     centre, axis = (np.zeros(3), posed.turn[:, 2]) if gap is None else (np.array(gap.centre), np.array(gap.axis))
     reach = size * (0.0 if gap is None else gap.radius)
 
@@ -261,8 +279,7 @@ def reference(pair: Pair) -> Sweep:
         offset = placement - size * centre
         return bool(np.linalg.norm(offset - (offset @ axis) * axis) < reach * (1 + 1e-6))
 
-    peg = mesh_model(*closed_prism(corners / size, 2, -length / 2 / size, length / 2 / size))
-    return Sweep.of(soup_model(mugs.triangles(pair.env_index)), peg, inside, posed.turn, size)
+    return Sweep.of(soup_model(triangles), mesh_model(vertices, faces), inside, posed.turn, size)
 
 
-FAMILY = Family(tables, fill, placements, reference, sample_object=sample_peg, left_out=left_out)
+FAMILY = Family(tables, fill, placements, reference, sample_object=sample_peg, confirm=confirm, left_out=left_out)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.building import Block
 from eigenbench.generators.compiled import kernel
+from eigenbench.generators.family import is_confirmed
 from eigenbench.generators.philox import AUDIT, Key, key_of, uniform
 from eigenbench.records import Arrays, Audit, Recipe
 from eigenbench.shard_format import REASONS
@@ -94,10 +95,7 @@ def audit(block: Block) -> tuple[Audit, list[str]]:
             troubles.append(f"pair {first + row}: {said}")
     doubtful = near_boundary(block.targets) | (block.targets["label"] & block.rows.swept)
     confirmed = np.flatnonzero(doubtful).tolist()
-    confirm = block.maker.family.confirm or block.maker.family.reference
     for row in confirmed:
-        pair = block.pair(row)
-        witness = block.targets["witness"][row]
-        if not confirm(pair).is_free(pair.posed().placement(witness)):
-            troubles.append(f"pair {first + row}: FCL finds its witness {witness} not free")
+        if not is_confirmed(block.pair(row)):
+            troubles.append(f"pair {first + row}: FCL finds its witness {block.targets['witness'][row]} not free")
     return Audit(len(audited), len(confirmed), len(troubles)), troubles

@@ -344,13 +344,14 @@ def reference(pair: Pair) -> Sweep:
     return Sweep.of(mesh_model(vertices, faces), thing, _inside(posed.hull, outline), posed.turn, posed.size)
 
 
-def confirm(pair: Pair) -> Sweep:
-    """Return the same with the object's hull, where the outline is convex: then the hull's shadow decides."""
+def confirm(pair: Pair) -> bool:
+    """Ask about the object's hull, where the outline is convex: then the hull's shadow decides."""
     posed, outline = pair.posed(), _outline_of(pair)
+    placed = posed.placement(np.asarray(pair.of("witness")))
     if not is_convex(outline):
-        return reference(pair)
+        return reference(pair).is_free(placed)
     walls = mesh_model(*belt(outline / posed.size, 2, -FAR / posed.size, FAR / posed.size))
-    return Sweep.of(walls, hull_model(pair), _inside(posed.hull, outline), posed.turn, posed.size)
+    return Sweep.of(walls, hull_model(pair), _inside(posed.hull, outline), posed.turn, posed.size).is_free(placed)
 
 
 def _outline_of(pair: Pair) -> Points:

@@ -362,3 +362,23 @@ def test_a_buried_object_touches_nothing(objects, trees):
     assert not touches(sweep, 0.1, 0.0, 0.0)
     assert touches(sweep, 1.0, 0.0, 0.0)
     assert inside_solid(0.5 * objects.triangles[objects.face_start[5], 0] + [0.1, 0.0, 0.0], block)
+
+
+@given(st.lists(TRIANGLE, min_size=1, max_size=8), st.lists(st.tuples(WHOLE, WHOLE, WHOLE), min_size=1, max_size=6))
+def test_what_is_not_near_shares_no_point(triangles, points):
+    """A triangle that `near` leaves out has no point in the convex hull, by exact arithmetic."""
+    met = fcl_engine.near(np.array(triangles, dtype=float), np.array(points, dtype=float))
+    for corners, near in zip(triangles, met, strict=True):
+        assert near or not share_a_point(corners, points)
+
+
+def test_near_leaves_most_out():
+    """A small cube before scattered small triangles: what is near is little more than what touches its box."""
+    rng = np.random.default_rng(3)
+    triangles = rng.uniform(-1, 1, (4000, 1, 3)) + rng.uniform(-0.05, 0.05, (4000, 3, 3))
+    cube = 0.3 * np.array(list(itertools.product((-1, 1), repeat=3)), dtype=float)
+    touching = np.all((triangles.max(axis=1) >= -0.3) & (triangles.min(axis=1) <= 0.3), axis=1)
+    met = fcl_engine.near(triangles, cube)
+    assert (met <= touching).all()
+    assert 0.8 * touching.sum() < met.sum()
+    assert fcl_engine.near(triangles, 10 + cube).sum() == 0
