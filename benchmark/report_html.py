@@ -32,7 +32,9 @@ def table_html(
         if k == ruled and rule is not None:
             ends = f"{100 * rule[0]:g}% to {100 * rule[1]:g}%"
             head.append(tag("th", ends, scope="col", class_="i"))
-    rows = [_row(table, row, ruled, rule, wide[1] if len(wide) > 1 else None, row[0] == own) for row in table.rows]
+    beside = wide[1] if len(wide) > 1 else None
+    kinds = ["own" if row[0] == own else "" if own else "model" for row in table.rows]
+    rows = [_row(table, row, ruled, rule, beside, kind) for row, kind in zip(table.rows, kinds, strict=True)]
     body = tag(
         "table",
         tag("caption", table.title) if caption else None,
@@ -53,7 +55,7 @@ def _row(
     ruled: int | None,
     rule: tuple[float, float] | None,
     beside: int | None,
-    own: bool,
+    row_kind: str,
 ) -> Html:
     cells = [tag("th", write_cell(row[0], table.columns[0][1])[0], scope="row")]
     for k, (cell, (_, kind)) in enumerate(zip(row, table.columns, strict=True)):
@@ -67,11 +69,9 @@ def _row(
         if k == ruled and rule is not None:
             other = row[beside] if beside is not None else None
             mark = other.value if isinstance(other, Interval) else None
-            drawn = ruler(
-                cell if isinstance(cell, Interval) else None, *rule, mark=mark, kind="own" if own else "model"
-            )
+            drawn = ruler(cell if isinstance(cell, Interval) else None, *rule, mark=mark, kind=row_kind)
             cells.append(tag("td", drawn))
-    return tag("tr", *cells, class_="own" if own else None)
+    return tag("tr", *cells, class_="own" if row_kind == "own" else None)
 
 
 def numbers(tables: Mapping[str, Table], *names: str) -> Html | None:

@@ -126,7 +126,7 @@ def _slots_shown(matrix: Sequence[Sequence[float]], matched: set[tuple[int, int]
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return a range that holds the values with a little room, never empty."""
     low, high = float(values.min()), float(values.max())
-    room = 0.04 * (high - low) or max(abs(low) * 0.1, 1e-6)
+    room = 0.04 * (high - low) or max(abs(low) * 0.1, 0.05)
     return low - room, high + room
 
 

@@ -148,7 +148,7 @@ def _histogram_tables(source: Source) -> Iterator[Table]:
         yield Table(f"angles_{a.length}", f"Angles of {a.length}, slot {a.slot}", columns, rows)
     bins = reliability(source)
     if bins is not None:
-        every = zip(bins.edges, bins.edges[1:], bins.counts, bins.probability, bins.share, strict=True)
+        every = zip(bins.edges[:-1], bins.edges[1:], bins.counts, bins.probability, bins.share, strict=True)
         cells = tuple((f"{a:.2f} to {b:.2f}", int(c), float(p), float(s)) for a, b, c, p, s in every if c)
         kinds = (("probability", TEXT), ("pairs", COUNT), ("mean probability", NUMBER), ("share that fits", NUMBER))
         yield Table("reliability", "Reliability", kinds, cells)

@@ -191,7 +191,11 @@ def figure(pair: Pair, index: int, *, lengths: bool = True) -> Html:
     said = _words(pair)
     buttons = [
         tag("button", shown, type="button", data_do=do, aria_label=f"{words}, pair {pair.row}", title=words)
-        for do, shown, words in (("out", "-", "zoom out"), ("in", "+", "zoom in"), ("reset", "⟲", "reset the view"))
+        for do, shown, words in (
+            ("out", Html("&minus;"), "zoom out"),
+            ("in", "+", "zoom in"),
+            ("reset", "⟲", "reset the view"),
+        )
     ]
     canvas = tag(
         "canvas",
@@ -230,7 +234,7 @@ def _caption(pair: Pair) -> Html:
 def _length_table(pair: Pair) -> Html:
     """Return the lengths of both sides, true and, of the matched slots, predicted."""
     answered = "env_lengths" in pair.answer
-    titles = ["m", "environment", "object", *(["slot", "said env.", "said obj."] if answered else [])]
+    titles = ["true, m", "env.", "obj.", *(["slot", "says env.", "obj."] if answered else [])]
     rows = []
     for k, name in enumerate(pair.task.lengths):
         cells = [f"{float(pair.targets[f'{s}_lengths'][k]):.4f}" for s in ("env", "obj")]
