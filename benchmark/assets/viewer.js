@@ -163,8 +163,8 @@
       const project = this.projector(bounds, width, height);
       const items = [];
       const labels = [];
-      const dot = Math.max(1.7, Math.min(3, width / 190)) * Math.sqrt(Math.min(this.camera.zoom, 4));
-      this.points(items, project, this.env, [0, 0, 0], colours.environment, dot, 0.5);
+      const dot = Math.max(1.8, Math.min(3, width / 180)) * Math.sqrt(Math.min(this.camera.zoom, 4));
+      this.points(items, project, this.env, [0, 0, 0], colours.environment, dot, 0.62);
       this.points(items, project, this.obj, place, colours.object, dot * 1.15, 0.85);
       if (on.truth) for (const t of scene.truth) this.length(items, labels, project, t, bounds.radius, colours.truth);
       for (const m of scene.model) {
@@ -248,7 +248,7 @@
       this.line(items, project, from, to, colour, 1.5, true);
       for (const [end, sign] of [[from, -1], [to, 1]]) this.head(items, project, end, mul(direction, sign), 0.06 * radius, colour);
       for (const end of truth.ends) this.disk(items, project, end, direction, 0.16 * radius, colour, true);
-      labels.push({ at: project(add(from, mul(sub(to, from), 0.8))), text: truth.name, colour });
+      labels.push({ at: project(add(to, mul(direction, 0.13 * radius))), text: truth.name, colour });
     }
 
     disk(items, project, at, normal, radius, colour, ring = false) {
