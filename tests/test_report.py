@@ -50,7 +50,7 @@ class Elements(HTMLParser):
 
     def handle_data(self, data):
         """Note the text of a script."""
-        if self.elements and self.elements[-1][0] == "script" and "type" not in self.elements[-1][1]:
+        if data.strip() and self.elements[-1][0] == "script" and "type" not in self.elements[-1][1]:
             self.scripts.append(data)
 
 
