@@ -21,7 +21,7 @@ WIDTH = 3.3
 SCATTER_PAIRS = 600
 _MODEL, _GREY, _INK = "#1f5fa8", "#7a848e", "#1b1f24"
 _SIDES = {"env": "environment", "obj": "object"}
-_STYLE: dict[str, Any] = {
+_STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from eigenbench.intervals import Interval
 from eigenbench.markup import Html, join, section, tag, text
 from eigenbench.plots import calibration, interval_series
@@ -166,7 +168,7 @@ def calibration_section(source: Source, tables: Tables) -> Html:
     if bins is None:
         said = tag("p", "Probability: not provided. Calibration needs one; the decision was composed from lengths.")
         return section("calibration", "Calibration", said)
-    plot = calibration(bins.edges, bins.counts, bins.probability, bins.share)
+    plot = calibration(bins.edges, bins.counts.astype(np.float64), bins.probability, bins.share)
     figures = tag("div", tag("figure", plot), tag("div", table_html(tables["ranking"])), class_="plots")
     words = "A dot is a bin of the probability, its area the number of pairs; the diagonal is perfect calibration."
     return section(
@@ -177,7 +179,7 @@ def calibration_section(source: Source, tables: Tables) -> Html:
 def provenance_section(source: Source) -> Html:
     """Return what was run, on what, where and how: versions, digests, isolation, hardware, seconds."""
     result = source.result
-    software = {
+    software: dict[str, Any] = {
         k: result.get(k) for k in ("eigenbench", "data_version", "result_version", "python", "date") if k in result
     }
     shown = {"model", "data", "isolation", "hardware", "seconds", "scores", "few_shot", "data_efficiency", *software}

@@ -42,7 +42,7 @@ class Pair:
     row: int
     task: TaskSpec
     clouds: Arrays
-    targets: Arrays
+    targets: dict[str, Any]
     answer: Arrays = field(default_factory=dict)
     slots: Mapping[str, int] = field(default_factory=dict)
     decision: bool | None = None

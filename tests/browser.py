@@ -61,8 +61,8 @@ class Page:
         self.call("Input.dispatchKeyEvent", type="keyDown", **code, **shown)
         self.call("Input.dispatchKeyEvent", type="keyUp", **code)
 
-    def media(self, scheme: str, kind: str = "screen") -> None:
-        """Prefer a colour scheme, and be a screen or a printer."""
+    def media(self, scheme: str, kind: str = "") -> None:
+        """Prefer a colour scheme, and be a screen that can print, or with `print` look as a print does."""
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.call("Emulation.setEmulatedMedia", media=kind, features=features)
 

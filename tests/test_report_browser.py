@@ -124,7 +124,7 @@ def test_dark_light_and_print(page, report):
     page.media("dark", "print")
     assert page.value(back) == "rgb(255, 255, 255)"
     assert page.value("getComputedStyle(document.querySelector('.zoom')).display") == "none"
-    page.media("light")
+    page.media("dark")
     pdf = base64.b64decode(page.call("Page.printToPDF", printBackground=True)["data"])
     assert pdf.startswith(b"%PDF")
     assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") >= 3 or len(pdf) > 100_000
