@@ -18,6 +18,8 @@ SCATTER_PAIRS = 600
 SCATTER_SLOTS = 8
 """Slots that get scatter plots: the matched ones, then those with the best R2."""
 
+_BESIDE = 3
+"""Lengths up to which both sides' plots stand beside each other."""
 _SIDES = {"env": "environment", "obj": "object"}
 Tables = Mapping[str, Table]
 
@@ -39,7 +41,7 @@ def length_section(source: Source, tables: Tables) -> Html:
         "Eigen-lengths",
         tag("p", words, class_="note"),
         *(tag("p", line) for line in _left_over(lengths)),
-        tag("div", *sides, class_="columns"),
+        tag("div", *sides, class_="columns" if len(lengths["names"]) <= _BESIDE else None),
         tag("div", *(tag("div", table_html(tables[n])) for n in ("matched", "slot_use")), class_="columns"),
         numbers(tables, "r2_env_analysis_pairs", "r2_obj_analysis_pairs"),
     )
