@@ -71,7 +71,8 @@ def key_numbers(source: Source) -> Html:
     scores = source.scores
     worst = scores.get("worst_group") or scores["worst_obj_category"]
     worst_of = worst["accuracy"] if isinstance(worst.get("accuracy"), dict) else worst
-    named = worst.get("name") or scores["worst_obj_category"]["name"]
+    kind = "margin " if worst.get("kind") == "margin" else ""
+    named = kind + str(worst.get("name") or scores["worst_obj_category"]["name"])
     entries: list[tuple[str, Interval | None, str, str]] = [
         ("accuracy", interval_of(scores["accuracy"]), PERCENT, ""),
         ("balanced accuracy", interval_of(scores["balanced_accuracy"]), PERCENT, ""),

@@ -153,7 +153,7 @@ def _beside(env: Vector, obj: Vector) -> Vector:
     gap = (np.ptp(env[:, axis]) + np.ptp(obj[:, axis])) / 2 * _BESIDE
     place = (env.max(axis=0) + env.min(axis=0)) / 2
     place[axis] -= gap
-    return place
+    return np.asarray(place)
 
 
 def _packed(points: Vector, scale: float) -> str:
