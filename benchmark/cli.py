@@ -1,6 +1,7 @@
 """The command line: each command parses, calls one function, prints. The composition root.
 
-The commands about shapes are in `cli_shapes.py`, options and output that both share in `console.py`.
+The commands about shapes are in `cli_shapes.py`, those that show things in `cli_report.py`, options and output that
+they share in `console.py`.
 
 Errors that a user can mend are one line on stderr and exit code 2; an interruption ends with 130.
 """
@@ -14,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.console import SOURCES, Json, Workers, progress_on
 from eigenbench.errors import DataError, EigenbenchError, printable
@@ -27,6 +29,8 @@ app = typer.Typer(
 )
 
 app.add_typer(shapes_app, name="shapes")
+for command in SHOWING:
+    app.command()(command)
 
 _INTERRUPTED = 130
 

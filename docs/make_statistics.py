@@ -4,7 +4,7 @@
 
 where DATA holds both splits of every task (`eigenbench generate --task fit --out DATA`), and SAMPLED first pairs
 of the same by the other protocol (`--split test --pairs 10000 --protocol sampled --out SAMPLED`), for label noise.
-Needs matplotlib (`pip install -e '.[docs]'`).
+Needs matplotlib (`pip install -e '.[report]'`).
 """
 
 import sys

@@ -17,7 +17,7 @@ from eigenbench.shard_format import FIELDS, FILES, REASONS, fields_of
 FOLDERS = {"benchmark": "eigenbench", "generators": "eigenbench.generators"}
 FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
-HEAVY += ("distributed", "fsspec")
+HEAVY += ("distributed", "fsspec", "matplotlib")
 
 
 def imports_of(path: Path) -> set[str]:
@@ -36,7 +36,7 @@ def test_imports_follow_the_flow(folder):
     """Each folder imports itself and benchmark/; only the command line reaches into the others."""
     others = [f for f in FOLDERS if f not in (folder, "benchmark")]
     for path in (ROOT / folder).glob("*.py"):
-        if path.name in ("cli.py", "cli_shapes.py"):
+        if path.name in ("cli.py", "cli_report.py", "cli_shapes.py"):
             continue
         for name in imports_of(path):
             assert not any(name.startswith(f"eigenbench.{o}") for o in others), f"{path.name} imports {name}"
@@ -44,8 +44,8 @@ def test_imports_follow_the_flow(folder):
 
 def test_cli_imports_inside_its_commands():
     """The modules of the command line load other folders only when a command runs."""
-    light = {"eigenbench.cli_shapes", "eigenbench.console", "eigenbench.errors"}
-    for name in ("cli.py", "cli_shapes.py", "console.py"):
+    light = {"eigenbench.cli_report", "eigenbench.cli_shapes", "eigenbench.console", "eigenbench.errors"}
+    for name in ("cli.py", "cli_report.py", "cli_shapes.py", "console.py"):
         top = ast.parse((ROOT / "benchmark" / name).read_text()).body
         names = [n.module for n in top if isinstance(n, ast.ImportFrom)]
         assert {n for n in names if n and n.startswith("eigenbench.")} <= light
@@ -63,7 +63,12 @@ def test_engines_live_behind_one_module_each():
                     homes.setdefault(module.split(".")[0], set()).add(path.name)
     expected = {"fcl": "fcl_engine.py", "manifold3d": "solids.py", "trimesh": "meshes.py"}
     expected |= {"numba": "compiled.py", "h5py": "shards.py", "torch": "model_host.py"}
-    expected |= {"PIL": "contact_sheets.py", "distributed": "cluster.py", "fsspec": "outputs.py"}
+    expected |= {
+        "PIL": "contact_sheets.py",
+        "matplotlib": "figures.py",
+        "distributed": "cluster.py",
+        "fsspec": "outputs.py",
+    }
     for engine, home in expected.items():
         assert homes[engine] == {home}
 
@@ -98,6 +103,9 @@ def test_wheel_holds_only_eigenbench(tmp_path):
     names = zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist()
     assert {n.split("/")[0] for n in names if ".dist-info/" not in n} == {"eigenbench"}
     assert {"eigenbench/cli.py", "eigenbench/generators/tube.py", "eigenbench/py.typed"} <= set(names)
+    assets = {f"eigenbench/assets/{p.name}" for p in (ROOT / "benchmark" / "assets").iterdir()}
+    assert assets
+    assert assets <= set(names)
 
 
 def test_import_is_light():
