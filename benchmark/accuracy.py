@@ -21,6 +21,8 @@ Bools = NDArray[np.bool_]
 
 GROUPS = ("obj_category", "env_category", "margin")
 """The kinds of groups that accuracy is told for."""
+LEAST_PAIRS = 30
+"""Pairs that a group needs to be called the worst: of several small groups the worst is so by chance."""
 
 
 def accuracy_scores(judged: Judged) -> Scores:
@@ -154,12 +156,16 @@ def _worst(groups: Scores) -> Scores:
 def _worst_groups(per_group: Scores, accuracies: dict[str, Estimate]) -> Scores:
     """Return the worst group of all and of each kind (worst-group accuracy, Koh et al., "WILDS", ICML 2021).
 
+    Groups of fewer than `LEAST_PAIRS` pairs do not count, unless all are so small; a kind that has no other is None.
     `accuracy` is the named group's own; `minimum` has the interval of the least accuracy, whichever group has it in a
     replicate: the least of several is lower than each is on average, so it lies below.
     """
-    by_kind = {kind: _worst(groups) for kind, groups in per_group.items()}
-    kind = min(by_kind, key=lambda k: by_kind[k]["accuracy"]["value"])
-    replicates = np.stack([estimate.replicates for estimate in accuracies.values()])
+    least_pairs = min(LEAST_PAIRS, max(g["pairs"] for groups in per_group.values() for g in groups.values()))
+    large = {kind: {k: g for k, g in groups.items() if g["pairs"] >= least_pairs} for kind, groups in per_group.items()}
+    by_kind = {kind: _worst(groups) if groups else None for kind, groups in large.items()}
+    known = {kind: worst for kind, worst in by_kind.items() if worst is not None}
+    kind = min(known, key=lambda k: known[k]["accuracy"]["value"])
+    replicates = np.stack([accuracies[f"{k}/{name}"].replicates for k, groups in large.items() for name in groups])
     least = np.where(np.isnan(replicates), 1.0, replicates).min(axis=0)
-    minimum = percentile_interval(by_kind[kind]["accuracy"]["value"], least)
-    return {"kind": kind, **by_kind[kind], "minimum": asdict(minimum), "by_kind": by_kind}
+    minimum = percentile_interval(known[kind]["accuracy"]["value"], least)
+    return {"kind": kind, **known[kind], "minimum": asdict(minimum), "by_kind": by_kind}

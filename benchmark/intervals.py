@@ -165,19 +165,35 @@ class Estimate:
 def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Estimate]:
     """Return each statistic's value on the pairs as they are, and its replicates.
 
-    The columns of all `Sums` are multiplied by the weights in one product.
+    The columns of all `Sums` are multiplied by the weights in one product, equal ones once.
     """
     sums = {name: s for name, s in statistics.items() if isinstance(s, Sums)}
-    ends = np.cumsum([s.columns.shape[1] for s in sums.values()])
-    columns = np.concatenate([np.zeros((pairs, 0)), *(s.columns for s in sums.values())], axis=1)
+    columns, places = _distinct([s.columns for s in sums.values()], pairs)
     found: dict[str, list[Floats]] = {name: [] for name in statistics}
     for block in chain([np.ones((1, pairs))], weights):
-        totals = np.split(block @ columns, ends[:-1], axis=1) if sums else []
-        for (name, statistic), total in zip(sums.items(), totals, strict=True):
-            found[name].append(statistic.finish(total))
+        totals = block @ columns
+        for (name, statistic), place in zip(sums.items(), places, strict=True):
+            found[name].append(statistic.finish(totals[:, place]))
         for name in statistics.keys() - sums.keys():
             found[name].append(statistics[name](block))
     return {name: Estimate(values[0][0], np.concatenate(values[1:])) for name, values in found.items()}
+
+
+def _distinct(parts: list[Floats], pairs: int) -> tuple[Floats, list[list[int]]]:
+    """Return the distinct columns (n, K) of several (n, k), and for each of those where its columns are."""
+    known: dict[bytes, int] = {}
+    kept: list[Floats] = []
+    places = []
+    for part in parts:
+        place = []
+        for column in part.T:
+            key = column.tobytes()
+            if key not in known:
+                known[key] = len(kept)
+                kept.append(column)
+            place.append(known[key])
+        places.append(place)
+    return np.stack(kept, axis=1) if kept else np.zeros((pairs, 0)), places
 
 
 def estimate(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Interval]:

@@ -88,15 +88,18 @@ def auroc_statistic(label: Bools, score: Floats) -> Statistic:
     """Return `auroc` as a statistic of weights alone, for which the scores are sorted once."""
     positive, negative = (np.flatnonzero(side)[np.argsort(score[side], kind="stable")] for side in (label, ~label))
     below, not_above = (np.searchsorted(score[negative], score[positive], side) for side in ("left", "right"))
-    tied = not np.array_equal(below, not_above)
+    starts = np.flatnonzero(np.diff(score[positive], prepend=np.nan) != 0)  # of runs of equal scores
+    below, not_above = below[starts], not_above[starts]
 
     def statistic(weights: Floats) -> Floats:
         mass = np.zeros((len(weights), len(negative) + 1))
         np.cumsum(weights[:, negative], axis=1, out=mass[:, 1:])
         beaten = mass[:, below]
-        if tied:
+        if np.any(below != not_above):
             beaten = (beaten + mass[:, not_above]) / 2
         own = weights[:, positive]
+        if len(starts) < len(positive):
+            own = np.add.reduceat(own, starts, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(np.einsum("rn,rn->r", own, beaten) / (own.sum(axis=1) * mass[:, -1]))
 
@@ -150,7 +153,7 @@ def line_fit(predicted: NDArray[Any], truth: Floats) -> tuple[Floats, Floats]:
     covariance, _, var_t = moments.finish(moments.columns.sum(axis=0, keepdims=True))
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.where(var_t[0] > 0, covariance[0] / var_t[0], 0.0)
-    return slope, predicted.mean(axis=0)[:, None] - slope * truth.mean(axis=0)
+    return slope, predicted.mean(axis=0, dtype=np.float64)[:, None] - slope * truth.mean(axis=0)
 
 
 @dataclass(frozen=True, slots=True)
