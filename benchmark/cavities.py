@@ -1,4 +1,4 @@
-"""The failure analysis of `fit`: which cavity do a model's planes enclose, and where does it go wrong?
+"""The failure analysis of `fit`: which cavity a model's planes enclose, and where it goes wrong.
 
 The paper's failures are the wrong cavity, a cavity so flat that its height decides alone, a drum, and shapes without
 one largest cavity; each is a group of pairs here.

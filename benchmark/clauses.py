@@ -1,4 +1,4 @@
-"""An OR of ANDs: which of a model's groups stands for which true clause, and does the right one decide?"""
+"""An OR of ANDs: which of a model's groups stands for which true clause, and how often the right one decides."""
 
 from dataclasses import asdict
 
@@ -35,9 +35,7 @@ def group_scores(judged: Judged) -> Scores | None:
         "satisfied": [found[f"satisfied/{g}"] for g in range(len(groups))],
         "use": [found[f"use/{g}"] for g in range(len(groups))],
         "agreement": agreement.tolist(),
-        "matched": [
-            {"clause": c, "group": g, "agreement": found[f"agreement/{c}"]} for c, g in match.items()
-        ],
+        "matched": [{"clause": c, "group": g, "agreement": found[f"agreement/{c}"]} for c, g in match.items()],
         "unmatched_groups": [g for g in range(len(groups)) if g not in match.values()],
         "unmatched_clauses": [c for c in range(len(task.clauses)) if c not in match],
         "deciding": {

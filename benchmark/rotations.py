@@ -1,4 +1,4 @@
-"""How well do vectors tell by what rotation a scene was turned into another? The paper's relative rotation error.
+"""How well vectors tell by what rotation a scene was turned into another: the paper's relative rotation error.
 
 The paper feeds two turned copies of one cloud to the model and compares the rotation between the two sets of vectors
 with the true one. Here either scene is a pair of the split: of the same shape, or of the same task where environments

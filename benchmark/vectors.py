@@ -1,4 +1,4 @@
-"""Do a slot's vectors and planes point where its matched length is measured? Angles, and distances from the faces."""
+"""How near a slot's vectors and planes lie to where its matched length is measured: angles, distances of faces."""
 
 from dataclasses import asdict
 

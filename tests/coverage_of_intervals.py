@@ -1,4 +1,4 @@
-"""How often do nominal 95 % intervals of accuracy hold the truth, when shapes have effects of their own?
+"""How often nominal 95 % intervals of accuracy hold the truth, when shapes have effects of their own.
 
     python tests/coverage_of_intervals.py [--runs 400]
 

@@ -47,7 +47,9 @@ def test_boxes_are_those_of_the_data(truth):
 
 def test_planes_of_the_largest_cavity_enclose_it(truth):
     """They overlap it wholly, whatever the order of slots and of the two planes."""
-    boxes = np.stack([placed(truth, row)[0][placed(truth, row)[1].largest] for row in range(len(truth.targets["label"]))])
+    boxes = np.stack(
+        [placed(truth, row)[0][placed(truth, row)[1].largest] for row in range(len(truth.targets["label"]))]
+    )
     for planes, slots in ((boxes, (0, 1, 2)), (boxes[:, :, ::-1], (2, 0, 1))):
         groups = score_predictions(answers(truth, planes, slots), truth)["cavities"]["groups"]
         for name, group in groups.items():
@@ -61,7 +63,10 @@ def test_planes_of_the_largest_cavity_enclose_it(truth):
 def test_planes_of_the_deciding_cavity(truth):
     """The stored faces enclose the largest cavity exactly where the deciding one is it, and another one elsewhere."""
     t = truth.targets
-    largest = [np.abs(placed(truth, r)[0][placed(truth, r)[1].largest] - t["planes"][r]).max() < 2e-6 for r in range(len(t["label"]))]
+    largest = [
+        np.abs(placed(truth, r)[0][placed(truth, r)[1].largest] - t["planes"][r]).max() < 2e-6
+        for r in range(len(t["label"]))
+    ]
     scores = score_predictions(answers(truth, t["planes"]), truth)
     enclosed = scores["cavities"]["groups"]["all"]["enclosed"]
     assert enclosed["largest"]["value"] == pytest.approx(np.mean(largest))
@@ -117,7 +122,9 @@ def test_box_overlap_in_closed_form():
     """Half a cube, a shifted one, a thing within, disjoint and flat ones."""
     cube = np.array([[0.0, 1.0]] * 3)
     others = np.stack([cube, cube * [[1, 0.5], [1, 1], [1, 1]], cube + 0.5, cube * 0.5, cube + 2, cube * 0])
-    assert metrics.box_overlap(np.broadcast_to(cube, others.shape), others) == pytest.approx([1, 0.5, 1 / 15, 1 / 8, 0, 0])
+    assert metrics.box_overlap(np.broadcast_to(cube, others.shape), others) == pytest.approx(
+        [1, 0.5, 1 / 15, 1 / 8, 0, 0]
+    )
     assert metrics.box_overlap(cube[None] * 0, cube[None] * 0).tolist() == [0.0]
     spans = np.array([[0.0, 1.0], [0.5, 2.0], [3.0, 4.0], [0.0, 0.0]])
     assert metrics.interval_overlap(np.tile([0.0, 1.0], (4, 1)), spans) == pytest.approx([1, 0.25, 0, 0])

@@ -9,7 +9,7 @@ from sklearn.linear_model import LinearRegression
 
 from eigenbench import metrics
 from eigenbench.geometry import extents_along
-from eigenbench.intervals import crossed_weights, estimate, ratio
+from eigenbench.intervals import crossed_weights, ratio
 from eigenbench.references import (
     Measured,
     calibrated_decision,

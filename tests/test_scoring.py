@@ -157,7 +157,9 @@ def test_truth_itself_is_perfect():
         arrays = {k: t[k] for k in ("env_lengths", "obj_lengths")} | {"vectors": t["directions"]}
         arrays["planes"] = t["planes"][..., None] * t["directions"][:, :, None]
         scores = score_predictions(Predictions(arrays, predictions.groups), truth)
-        assert scores["accuracy"]["value"] == (scores["accuracy"]["high"] if truth.task.ruled else pytest.approx(0.9, abs=0.1))
+        assert scores["accuracy"]["value"] == (
+            scores["accuracy"]["high"] if truth.task.ruled else pytest.approx(0.9, abs=0.1)
+        )
         for m in scores["lengths"]["all_pairs"]["matched"].values():
             assert m["env_r2"]["low"] == pytest.approx(1, abs=1e-9)
         for a in scores["angles"]["by_length"].values():

@@ -48,7 +48,9 @@ def test_groups_meet_their_clauses():
     """Groups in another order, and one too many, are matched to the clauses that hold where they are satisfied."""
     rng = np.random.default_rng(3)
     holds = rng.uniform(size=(400, 2)) < 0.4
-    satisfied = np.stack([rng.uniform(size=400) < 0.5, holds[:, 1], holds[:, 0] ^ (rng.uniform(size=400) < 0.1)], axis=1)
+    satisfied = np.stack(
+        [rng.uniform(size=400) < 0.5, holds[:, 1], holds[:, 0] ^ (rng.uniform(size=400) < 0.1)], axis=1
+    )
     agreement = clauses.agreements(satisfied, holds)
     assert agreement.shape == (3, 2)
     assert agreement[1, 1] == 1.0
