@@ -218,7 +218,7 @@ def angle_histogram(degrees: Floats, width: int) -> tuple[NDArray[np.int64], Flo
 
 
 def plane_errors(predicted: Floats, faces: Floats) -> Floats:
-    """Return (n,) m, the mean distance of two predicted offsets (n, 2) from the true ones, the lower of either first."""
+    """Return (n,) m, the mean distance of two predicted offsets (n, 2) from the true ones, lower ones first."""
     return np.asarray(np.abs(predicted - faces).mean(axis=1))
 
 
