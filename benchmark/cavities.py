@@ -89,9 +89,8 @@ def _look(judged: Judged, cavities: dict[bytes, ShapeCavities], boxes: Floats | 
     if unknown := [s.decode() for s in shapes.tolist() if s not in cavities]:
         msg = f"the shape {unknown[0]} of the data has no known cavity"
         raise CavitiesUnknown(msg)
-    scenes = _Scenes(
-        np.zeros((n, 3, 2)), *(np.zeros(n, dtype=bool) for _ in range(3)), np.full(n, np.nan), np.full(n, -1)
-    )
+    drum, inhabited, several = np.zeros((3, n), dtype=bool)
+    scenes = _Scenes(np.zeros((n, 3, 2)), drum, inhabited, several, np.full(n, np.nan), np.full(n, -1, dtype=np.int64))
     turns = matrices(t["env_rotation"])
     for k, name in enumerate(shapes.tolist()):
         rows, shape = np.flatnonzero(of_pair == k), cavities[name]

@@ -77,4 +77,5 @@ def match_groups(agreement: NDArray[np.float64]) -> dict[int, int]:
 def deciding_clause(decides: NDArray[np.integer], clauses: tuple[tuple[int, ...], ...]) -> NDArray[np.int64]:
     """Return (n,) the clause that the deciding length of each pair belongs to."""
     owner = {slot: c for c, clause in enumerate(clauses) for slot in clause}
-    return np.array([owner.get(k, 0) for k in range(max(owner) + 1)])[decides]
+    of_length: NDArray[np.int64] = np.array([owner.get(k, 0) for k in range(max(owner) + 1)], dtype=np.int64)
+    return np.asarray(of_length[decides])

@@ -159,7 +159,7 @@ class Estimate:
 
     def interval(self, *index: int) -> Interval:
         """Return the percentile interval of one number of the statistic."""
-        return percentile_interval(float(self.value[index]), self.replicates[(slice(None), *index)])
+        return percentile_interval(float(self.value[index]), self.replicates[:, *index])
 
 
 def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Estimate]:

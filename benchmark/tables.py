@@ -140,7 +140,7 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
             _number(a["mean_degrees"]),
             f"{a['median_degrees']:.3f}",
             f"{angles['chance_degrees']:.1f}",
-            _share(a["within_degrees"]["10"]),
+            _value(a["within_degrees"]["10"]),
         )
     _console.print(table)
 
@@ -166,12 +166,12 @@ def _print_cavities(cavities: dict[str, Any] | None) -> None:
     table = _table("Which cavity the planes enclose", "pairs whose ...", "pairs", "accuracy [95 %]", *enclosed)
     for name, group in cavities["groups"].items():
         shares = group["enclosed"] or dict.fromkeys(enclosed)
-        cells = (_percent(group["accuracy"]), *(_share(shares[k]) for k in enclosed))
+        cells = (_percent(group["accuracy"]), *(_value(shares[k]) for k in enclosed))
         table.add_row(name, f"{group['pairs']:,}", *cells)
     _console.print(table)
 
 
-def _share(interval: dict[str, Any] | None) -> str:
+def _value(interval: dict[str, Any] | None) -> str:
     return _percent(interval).partition(" [")[0]
 
 
@@ -183,7 +183,7 @@ def _print_groups(groups: dict[str, Any] | None) -> None:
     for g, slots in enumerate(groups["groups"]):
         m = matched.get(g)
         clause = ("none", "") if m is None else (", ".join(groups["clauses"][m["clause"]]), _percent(m["agreement"]))
-        use = (_share(groups[k][g]) for k in ("satisfied", "use"))
+        use = (_value(groups[k][g]) for k in ("satisfied", "use"))
         table.add_row(str(g), ", ".join(map(str, slots)), *use, *clause)
     _console.print(table)
     deciding = groups["deciding"]
