@@ -159,7 +159,10 @@ class Estimate:
 
     def interval(self, *index: int) -> Interval:
         """Return the percentile interval of one number of the statistic."""
-        return percentile_interval(float(self.value[index]), self.replicates[:, *index])
+        replicates = self.replicates
+        for k in index:
+            replicates = replicates[:, k]
+        return percentile_interval(float(self.value[index]), replicates)
 
 
 def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Estimate]:

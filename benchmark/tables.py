@@ -149,10 +149,10 @@ def _print_planes(planes: dict[str, Any] | None) -> None:
     if planes is None:
         _console.print("planes: not provided")
         return
-    table = _table("Planes against the true faces", "length", "slot", "distance [95 %], mm", "of the length", "overlap")
+    table = _table("Planes against the true faces", "length", "slot", "distance, mm", "of the length", "overlap")
     for name, p in planes["by_length"].items():
-        error = {k: None if v is None else 1e3 * v for k, v in p["mean_error"].items()}
-        table.add_row(name, str(p["slot"]), _number(error), _percent(p["relative_error"]), _percent(p["overlap"]))
+        numbers = (f"{1e3 * p['mean_error']['value']:.1f}", _value(p["relative_error"]), _value(p["overlap"]))
+        table.add_row(name, str(p["slot"]), *numbers)
     _console.print(table)
 
 
