@@ -22,6 +22,9 @@ CHANCE_CUBE = 40.736
 """Mean least angle to a uniform rotation among its 24 products with the rotations of a cube, degrees (Mackenzie,
 "Second paper on statistics associated with the random disorientation of cubes", Biometrika 1958)."""
 
+RELATIVE_PAIRS = 5000
+"""Pairs of scenes that are compared, at most: those whose first has the smallest pair_id, which is random."""
+
 RULES = {"identity": CHANCE_ROTATION, "least_residual": CHANCE_ROTATION, "best": CHANCE_CUBE}
 """Which matching of the vectors counts, and the mean error in degrees of random orthonormal vectors under it."""
 
@@ -45,6 +48,8 @@ def rotation_scores(judged: Judged, lengths: Scores | None) -> Scores | None:
     first, second = partners(t["env_shape"], t["pair_id"])
     if len(slots) not in (2, 3) or not len(first):
         return None
+    chosen = np.argsort(t["pair_id"][first], kind="stable")[:RELATIVE_PAIRS]
+    first, second = first[chosen], second[chosen]
     frames, turned = triples(vectors[:, slots]), matrices(t["env_rotation"])
     errors = relative_errors(frames[first], frames[second], turned[second] @ turned[first].transpose(0, 2, 1))
     return {"slots": slots, "pairs": len(first), "rules": {k: _of_rule(judged, k, first, errors[k]) for k in RULES}}
