@@ -9,8 +9,9 @@ data", JASA 1988). The pairs of a category's only shape are resampled themselves
 differ cannot be known.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,9 @@ _BLOCK = 100
 
 Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Floats]
-"""From weights (R, n) to values (R,)."""
+"""From weights (R, n) to values (R, ...)."""
+KEPT_BYTES = 2**28
+"""Weights are kept in memory up to that size, of some 33,000 pairs; else they are drawn again for every pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,29 +88,124 @@ class _Side:
         return of_pairs
 
 
-def ratio(numerator: NDArray[np.generic], denominator: NDArray[np.generic]) -> Statistic:
+@dataclass(slots=True)
+class Weights:
+    """The weights of n pairs, in blocks (r, n), the same ones however often they are gone through.
+
+    Attributes
+    ----------
+    draw : gives the blocks, the same on every call
+    pairs : n
+    """
+
+    draw: Callable[[], Iterator[Floats]]
+    pairs: int
+    _kept: list[Floats] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Floats]:
+        """Yield the blocks."""
+        if 8 * self.pairs * REPLICATES > KEPT_BYTES:
+            return self.draw()
+        self._kept = self._kept or list(self.draw())
+        return iter(self._kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """A statistic of weighted sums: `finish(weights @ columns)`.
+
+    Attributes
+    ----------
+    columns : (n, k), what is summed over the pairs
+    finish : from sums (R, k) to values (R, ...)
+    """
+
+    columns: Floats
+    finish: Callable[[Floats], Floats]
+
+    def __call__(self, weights: Floats) -> Floats:
+        """Return the values (R, ...) under weights (R, n)."""
+        return self.finish(weights @ self.columns)
+
+
+def ratio(numerator: NDArray[np.generic], denominator: NDArray[np.generic]) -> Sums:
     """Return the statistic sum(w * numerator) / sum(w * denominator); NaN where the latter is 0."""
-    top, bottom = numerator.astype(np.float64), denominator.astype(np.float64)
-
-    def statistic(weights: Floats) -> Floats:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray((weights @ top) / (weights @ bottom))
-
-    return statistic
+    return Sums(np.stack([numerator.astype(np.float64), denominator.astype(np.float64)], axis=1), _quotient)
 
 
-def estimate(statistics: Mapping[str, Statistic], pairs: int, weights: Iterator[Floats]) -> dict[str, Interval]:
+def _quotient(sums: Floats) -> Floats:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(sums[:, 0] / sums[:, 1])
+
+
+def mean_over(values: NDArray[np.generic], chosen: NDArray[np.bool_]) -> Sums:
+    """Return the statistic: the weighted mean of values (n,) over the chosen pairs; NaN where none has weight."""
+    return ratio(np.where(chosen, values, 0.0), chosen)
+
+
+def half_sum(a: Sums, b: Sums) -> Sums:
+    """Return the statistic (a + b) / 2."""
+    width = a.columns.shape[1]
+    columns = np.concatenate([a.columns, b.columns], axis=1)
+    return Sums(columns, lambda sums: (a.finish(sums[:, :width]) + b.finish(sums[:, width:])) / 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """A statistic on the pairs as they are, (...), and its bootstrap replicates, (R, ...)."""
+
+    value: Floats
+    replicates: Floats
+
+    def interval(self, *index: int) -> Interval:
+        """Return the percentile interval of one number of the statistic."""
+        replicates = self.replicates
+        for k in index:
+            replicates = replicates[:, k]
+        return percentile_interval(float(self.value[index]), replicates)
+
+
+def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Estimate]:
+    """Return each statistic's value on the pairs as they are, and its replicates.
+
+    The columns of all `Sums` are multiplied by the weights in one product, equal ones once.
+    """
+    sums = {name: s for name, s in statistics.items() if isinstance(s, Sums)}
+    columns, places = _distinct([s.columns for s in sums.values()], pairs)
+    found: dict[str, list[Floats]] = {name: [] for name in statistics}
+    for block in chain([np.ones((1, pairs))], weights):
+        totals = block @ columns
+        for (name, statistic), place in zip(sums.items(), places, strict=True):
+            found[name].append(statistic.finish(totals[:, place]))
+        for name in statistics.keys() - sums.keys():
+            found[name].append(statistics[name](block))
+    return {name: Estimate(values[0][0], np.concatenate(values[1:])) for name, values in found.items()}
+
+
+def _distinct(parts: list[Floats], pairs: int) -> tuple[Floats, list[list[int]]]:
+    """Return the distinct columns (n, K) of several (n, k), and for each of those where its columns are."""
+    known: dict[bytes, int] = {}
+    kept: list[Floats] = []
+    places = []
+    for part in parts:
+        place = []
+        for column in part.T:
+            key = column.tobytes()
+            if key not in known:
+                known[key] = len(kept)
+                kept.append(column)
+            place.append(known[key])
+        places.append(place)
+    return np.stack(kept, axis=1) if kept else np.zeros((pairs, 0)), places
+
+
+def estimate(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Interval]:
     """Return each statistic's value on the pairs as they are, with its percentile interval."""
-    plain = np.ones((1, pairs))
-    values = {name: float(statistic(plain)[0]) for name, statistic in statistics.items()}
-    replicates: dict[str, list[Floats]] = {name: [] for name in statistics}
-    for block in weights:
-        for name, statistic in statistics.items():
-            replicates[name].append(statistic(block))
-    return {name: _interval(values[name], np.concatenate(replicates[name])) for name in statistics}
+    return {name: found.interval() for name, found in resample(statistics, pairs, weights).items()}
 
 
-def _interval(value: float, replicates: Floats) -> Interval:
+def percentile_interval(value: float, replicates: Floats) -> Interval:
+    """Return a value with the percentile interval of its finite replicates (R,); None where nothing is finite."""
     known = replicates[np.isfinite(replicates)]
     if not np.isfinite(value) or not len(known):
         return Interval(None, None, None)

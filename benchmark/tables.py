@@ -77,7 +77,17 @@ def print_result(result: dict[str, Any]) -> None:
         _console.print(groups)
     worst = scores["worst_obj_category"]
     _console.print(f"worst object category: {worst['name']}, {_percent(worst['accuracy'])}\n")
+    _print_worst(scores["worst_group"])
     _print_lengths(scores)
+    _print_planes(scores["planes"])
+    _print_cavities(scores["cavities"])
+    _print_groups(scores["groups"])
+    _print_rotation(scores["rotation"])
+
+
+def _print_worst(worst: dict[str, Any]) -> None:
+    of = worst["kind"].replace("_", " ")
+    _console.print(f"worst group: {of} {worst['name']}, {worst['pairs']:,} pairs, {_percent(worst['accuracy'])}\n")
 
 
 def _print_lengths(scores: dict[str, Any]) -> None:
@@ -121,7 +131,8 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
     if not angles["by_length"]:
         _console.print("angles: no matched length has a direction")
         return
-    table = _table("Angle to the true direction, degrees", "length", "slot", "mean [95 %]", "median", "chance")
+    columns = ("length", "slot", "mean [95 %]", "median", "chance", "within 10")
+    table = _table("Angle to the true direction, degrees", *columns)
     for name, a in angles["by_length"].items():
         table.add_row(
             name,
@@ -129,7 +140,67 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
             _number(a["mean_degrees"]),
             f"{a['median_degrees']:.3f}",
             f"{angles['chance_degrees']:.1f}",
+            _value(a["within_degrees"]["10"]),
         )
+    _console.print(table)
+
+
+def _print_planes(planes: dict[str, Any] | None) -> None:
+    if planes is None:
+        _console.print("planes: not provided")
+        return
+    table = _table("Planes against the true faces", "length", "slot", "distance, mm", "of the length", "overlap")
+    for name, p in planes["by_length"].items():
+        numbers = (f"{1e3 * p['mean_error']['value']:.1f}", _value(p["relative_error"]), _value(p["overlap"]))
+        table.add_row(name, str(p["slot"]), *numbers)
+    _console.print(table)
+
+
+def _print_cavities(cavities: dict[str, Any] | None) -> None:
+    if cavities is None:
+        return
+    if cavities["groups"] is None:
+        _console.print(printable(f"cavities: not known, since {cavities['reason']}"))
+        return
+    enclosed = ("largest", "another", "none")
+    table = _table("Which cavity the planes enclose", "pairs whose ...", "pairs", "accuracy [95 %]", *enclosed)
+    for name, group in cavities["groups"].items():
+        shares = group["enclosed"] or dict.fromkeys(enclosed)
+        cells = (_percent(group["accuracy"]), *(_value(shares[k]) for k in enclosed))
+        table.add_row(name, f"{group['pairs']:,}", *cells)
+    _console.print(table)
+
+
+def _value(interval: dict[str, Any] | None) -> str:
+    return _percent(interval).partition(" [")[0]
+
+
+def _print_groups(groups: dict[str, Any] | None) -> None:
+    if groups is None:
+        return
+    table = _table("Groups (OR of ANDs)", "group", "slots", "satisfied", "decides alone", "clause", "agreement [95 %]")
+    matched = {m["group"]: m for m in groups["matched"]}
+    for g, slots in enumerate(groups["groups"]):
+        m = matched.get(g)
+        clause = ("none", "") if m is None else (", ".join(groups["clauses"][m["clause"]]), _percent(m["agreement"]))
+        use = (_value(groups[k][g]) for k in ("satisfied", "use"))
+        table.add_row(str(g), ", ".join(map(str, slots)), *use, *clause)
+    _console.print(table)
+    deciding = groups["deciding"]
+    _console.print(
+        f"the group of the true deciding clause has the most slack in {_percent(deciding['agreement'])}; "
+        f"always the same one would in {deciding['chance']:.2%}"
+    )
+
+
+def _print_rotation(rotation: dict[str, Any] | None) -> None:
+    if rotation is None:
+        return
+    title = f"Relative rotation error, degrees, {rotation['pairs']:,} pairs of scenes"
+    table = _table(title, "matching of axes", "mean [95 %]", "median", "chance")
+    for name, r in rotation["rules"].items():
+        numbers = (_number(r["mean_degrees"]), f"{r['median_degrees']:.3f}", f"{r['chance_degrees']:.1f}")
+        table.add_row(name.replace("_", " "), *numbers)
     _console.print(table)
 
 
