@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench import bubblewrap
-from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups
+from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups, read_narrow
+from eigenbench.checkpoints import refuse_dangerous
 from eigenbench.errors import ModelError, UsageError
 from eigenbench.host_options import Budget, Capabilities, HostOptions
 from eigenbench.protocol import (
@@ -48,10 +49,14 @@ _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENB
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One checked batch: arrays by field, and the AND groups if the model gives them."""
+    """One checked batch: arrays by field, and the AND groups if the model gives them.
+
+    `narrow` names the fields that the model gave as narrower numbers than float32, with their type.
+    """
 
     arrays: Arrays
     groups: Groups | None
+    narrow: tuple[str, ...] = ()
 
 
 def split_model_name(model: str | Path) -> tuple[Path, str]:
@@ -79,6 +84,8 @@ class HostedModel:
 
     def __enter__(self) -> "HostedModel":
         """Start the process, lock it in, load and build the model."""
+        if self._options.checkpoint is not None:
+            refuse_dangerous(Path(self._options.checkpoint))
         self._folder = Path(tempfile.mkdtemp(prefix="eigenbench-model-"))
         self._log = (self._folder / "log").open("w+b")
         scratch = self._folder / "scratch"
@@ -121,7 +128,7 @@ class HostedModel:
         except BadFrame as error:
             msg = f"Model {self.path.name} answered with {_printable(error)}."
             raise ModelError(msg) from error
-        return self._accept(arrays, header.get("groups"), len(env))
+        return self._accept(arrays, header, len(env))
 
     def adapt(self, env: NDArray[np.float32], obj: NDArray[np.float32], label: NDArray[np.bool_]) -> None:
         """Let the model learn from a few labelled pairs: clouds (n, M, 3), (n, N, 3) and labels (n,) bool.
@@ -297,10 +304,10 @@ class HostedModel:
         # A tree too deep for shutil's recursion is left to rm, which walks it without.
         subprocess.run(["rm", "-rf", "--", self._folder], check=False, stderr=subprocess.DEVNULL)
 
-    def _accept(self, arrays: Arrays, groups: Any, batch: int) -> Answer:
+    def _accept(self, arrays: Arrays, header: Header, batch: int) -> Answer:
         """Check one answer against the interface and against the answers before it."""
         try:
-            answer = Answer(arrays, read_groups(groups))
+            answer = Answer(arrays, read_groups(header.get("groups")), read_narrow(header.get("narrow")))
             shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
         except BadAnswer as error:
             msg = f"Model {self.path.name} {_printable(error)}."
