@@ -72,11 +72,12 @@ def wrap(
 def symlinks_towards(path: str) -> dict[str, str]:
     """Return every symbolic link met on the way to an absolute path, and what each says."""
     links: dict[str, str] = {}
-    here, left = Path("/"), deque(Path(path).parts[1:])
-    while left and len(links) <= _LINKS:
+    here, left, followed = Path("/"), deque(Path(path).parts[1:]), 0
+    while left and followed < _LINKS:
         part = left.popleft()
         here = here.parent if part == ".." else here / part
         if here.is_symlink():
+            followed += 1
             target = links[str(here)] = str(here.readlink())
             left.extendleft(reversed([p for p in Path(target).parts if p != "/"]))
             here = Path("/") if target.startswith("/") else here.parent

@@ -1,6 +1,7 @@
 """What a model may read, write and reach, and what it may not."""
 
 import os
+import platform
 import time
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from eigenbench import bubblewrap
 from eigenbench.errors import ModelError, UsageError
 from eigenbench.hosting import HostOptions
 from eigenbench.sandbox import landlock_abi, readable_paths
+from eigenbench.syscalls import program
 
 needs_landlock = pytest.mark.skipif(landlock_abi() < 1, reason="this kernel has no Landlock")
 
@@ -76,3 +78,36 @@ def test_no_process_outlives_the_model(tmp_path, escape):
         pytest.skip("this machine allows no process namespace")
     time.sleep(0.2)
     assert not [p for p in Path("/proc").glob("[0-9]*/cmdline") if mark.encode() in p.read_bytes()]
+
+
+@needs_landlock
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_the_filter_is_well_formed(machine):
+    """Every jump goes forward to a step of the program, and each path ends in a verdict."""
+    steps = program(machine)
+    for k, (code, yes, no, _) in enumerate(steps):
+        if code & 7 == 5:
+            assert k + 1 + max(yes, no) < len(steps)
+    assert steps[-1][0] & 7 == 6
+    assert all(max(yes, no) < 256 for _, yes, no, _ in steps)
+
+
+@needs_landlock
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the numbers of calls are those of x86-64")
+def test_no_new_namespace(tmp_path):
+    """A user namespace, which would open the kernel's administrative calls, cannot be had; threads and forks can."""
+    body = (
+        "import ctypes, os, subprocess, sys, threading\n"
+        "class Model:\n    def predict(self, env, obj):\n"
+        "        call = ctypes.CDLL(None, use_errno=True).syscall\n        said = []\n"
+        "        for given in ((56, 0x10000000 | 17, 0, 0, 0, 0), (272, 0x10000000), (435, 0, 88)):\n"
+        "            said.append(call(*map(ctypes.c_long, given)))\n"
+        "            if said[-1] == 0 and given[0] == 56: os._exit(0)\n"
+        "            said[-1] = ctypes.get_errno()\n"
+        "        assert said == [1, 1, 38], said\n"
+        "        thread = threading.Thread(target=lambda: said.append(5))\n        thread.start()\n        thread.join()\n"
+        "        child = os.fork() or os._exit(7)\n        said.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
+        "        said.append(subprocess.run([sys.executable, '-c', 'exit(3)'], check=False).returncode)\n"
+        "        assert said[3:] == [5, 7, 3], said\n        return {'probability': [0.5] * len(env)}\n"
+    )
+    answer(model(tmp_path, body))
