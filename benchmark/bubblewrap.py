@@ -61,7 +61,7 @@ def wrap(
     for path in linked:
         links |= symlinks_towards(path)
     for link, target in links.items():
-        if not any(Path(link).is_relative_to(b) for b in (*bound, *_OWN)):
+        if not any(Path(link).is_relative_to(b) for b in (*bound, *map(Path, _OWN))):
             arguments += ["--symlink", target, link]
     for device in devices:
         arguments += ["--dev-bind", device, device]
