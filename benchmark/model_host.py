@@ -1,7 +1,7 @@
 """The model's process: locks itself in, loads the model file, answers batches of clouds until told to stop.
 
 Started by `eigenbench.hosting` as `python -P -m eigenbench.model_host READ_FD WRITE_FD`. It is given
-clouds and the task's name: no label, no order, no seed.
+clouds and the task's name: no order, no seed, and no label but those of `adapt` and `fit`.
 """
 
 import importlib.util
@@ -38,13 +38,17 @@ def _serve(channel: Channel, order: Header) -> None:
         phase = "build"
         model = _build(builder, order)
         channel.send({"kind": "ready", **_capabilities(model)})
-        phase = "predict"
         while True:
             header, body = channel.receive()
+            phase = header["kind"]
             clouds = unpack_arrays(header["arrays"], body)
-            arrays, groups = _predict(model, clouds)
-            listed, payload = pack_arrays(arrays)
-            channel.send({"kind": "answer", "arrays": listed, "groups": groups}, payload)
+            if phase == "predict":
+                answer, arrays = _predict(model, clouds)
+                listed, payload = pack_arrays(arrays)
+                channel.send({"kind": "answer", "arrays": listed} | answer, payload)
+            else:
+                _learn(model, header, clouds)
+                channel.send({"kind": "done"})
     except ChannelClosed:
         raise
     except BaseException as error:
@@ -92,6 +96,10 @@ def _build(builder: Any, order: Header) -> Any:
     if not callable(getattr(model, "predict", None)):
         msg = f"{type(model).__name__} has no method predict(env, obj)"
         raise AttributeError(msg)
+    own = getattr(model, "tasks", None)
+    if own is not None and order["task"] not in own:
+        msg = f"it is for {', '.join(map(str, own))}, not for {order['task']}"
+        raise ValueError(msg)
     return model
 
 
@@ -103,37 +111,60 @@ def _capabilities(model: Any) -> Header:
     }
 
 
-def _predict(model: Any, clouds: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+def _learn(model: Any, header: Header, clouds: dict[str, Any]) -> None:
+    """Run `adapt` on labelled pairs in memory, or `fit` on a folder of them."""
+    if header["kind"] == "adapt":
+        env, obj = _own(model, clouds["env"]), _own(model, clouds["obj"])
+        model.adapt(env, obj, _own(model, clouds["label"] != 0))
+        return
+    from eigenbench.dataset import load
+    from eigenbench.hosting import Budget
+
+    model.fit(load(header["folder"]), Budget(header["pairs"], header["seconds"]))
+
+
+def _own(model: Any, values: Any) -> Any:
+    """Return a writable copy in the kind of array that the model asks for."""
+    copy = values.copy()
+    if getattr(model, "arrays", "numpy") != "torch":
+        return copy
+    import torch
+
+    return torch.from_numpy(copy)
+
+
+def _predict(model: Any, clouds: dict[str, Any]) -> tuple[Header, dict[str, Any]]:
     from eigenbench.records import Prediction
 
-    env, obj = clouds["env"].copy(), clouds["obj"].copy()
-    if getattr(model, "arrays", "numpy") == "torch":
-        import torch
-
-        env, obj = torch.from_numpy(env), torch.from_numpy(obj)
+    env, obj = _own(model, clouds["env"]), _own(model, clouds["obj"])
     answer = Prediction.of(model.predict(env, obj))
     arrays = {}
+    narrow = []
     for name in ("probability", "env_lengths", "obj_lengths", "vectors", "planes"):
         value = getattr(answer, name)
         if value is not None:
-            arrays[name] = _as_floats(name, value)
+            arrays[name], was = _as_floats(name, value)
+            narrow += [f"{name} {was}"] if was not in ("float32", "float64") else []
     groups = None if answer.groups is None else [[int(s) for s in group] for group in answer.groups]
-    return arrays, groups
+    return {"groups": groups, "narrow": narrow}, arrays
 
 
-def _as_floats(name: str, value: Any) -> Any:
-    """Return a tensor, list or array as float32 or float64; narrower numbers are widened, none narrowed."""
+def _as_floats(name: str, value: Any) -> tuple[Any, str]:
+    """Return a tensor, list or array as float32 or float64, and what it was; narrower numbers are widened."""
     import numpy as np
 
+    was = ""
     if hasattr(value, "detach"):
         value = value.detach().cpu()
-        value = value.float() if str(value.dtype) == "torch.bfloat16" else value
+        if str(value.dtype) == "torch.bfloat16":
+            value, was = value.float(), "bfloat16"
         value = value.numpy()
     values = np.asarray(value)
     if values.dtype.kind not in "fiub":
         msg = f"{name} has type {values.dtype}; it must be numbers"
         raise TypeError(msg)
-    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64)
+    was = was or str(values.dtype)
+    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64), was
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""A seccomp filter for what Landlock leaves open: modes and times of files, sockets, shared memory.
+"""A seccomp filter for what Landlock leaves open: modes and times of files, sockets, shared memory, namespaces.
 
-Each filtered call fails with EPERM. Numbers are the kernel's tables for x86-64 and for the generic ABI that
+Each filtered call fails with EPERM; clone3, whose flags a filter cannot see, as if the kernel did not know it,
+so that the C library takes clone. Numbers are the kernel's tables for x86-64 and for the generic ABI that
 64-bit Arm uses. Standard library only. Reference: seccomp(2), and Linux's Documentation/userspace-api.
 """
 
@@ -52,8 +53,11 @@ FILTERED: dict[str, tuple[int, int]] = {
 """Number of each filtered call on (x86-64, 64-bit Arm); -1 where the architecture has none."""
 
 _ARCHITECTURES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
-_LOAD, _EQUAL, _AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
-_ALLOW, _EPERM = 0x7FFF0000, 0x00050001
+_CLONE, _CLONE3 = (56, 220), (435, 435)
+_NEW_NAMESPACE = 0x7E020000
+"""The flags of clone that ask for a namespace: mount, cgroup, uts, ipc, user, pid, net."""
+_LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
+_ALLOW, _EPERM, _ENOSYS = 0x7FFF0000, 0x00050001, 0x00050026
 _X32 = 0x40000000
 _PR_SET_SECCOMP, _MODE_FILTER = 22, 2
 
@@ -75,13 +79,24 @@ def program(machine: str) -> list[tuple[int, int, int, int]]:
     """Return the filter as BPF steps (code, jump if true, jump if false, value)."""
     column, audit = _ARCHITECTURES[machine]
     numbers = [pair[column] for pair in FILTERED.values() if pair[column] >= 0]
-    checks = len(numbers)
-    return [
+    allow = 6 + len(numbers)
+    eperm, enosys, clone = allow + 1, allow + 2, allow + 3
+    head = [
         (_LOAD, 0, 0, 4),  # the architecture of the call
-        (_EQUAL, 0, checks + 3, audit),  # another one: refuse
+        (_EQUAL, 0, eperm - 2, audit),  # another one: refuse
         (_LOAD, 0, 0, 0),  # its number
-        (_AT_LEAST, checks + 1, 0, _X32),  # the x32 variants: refuse
-        *((_EQUAL, checks - k, 0, number) for k, number in enumerate(numbers)),
+        (_AT_LEAST, eperm - 4, 0, _X32),  # the x32 variants: refuse
+        (_EQUAL, clone - 5, 0, _CLONE[column]),
+        (_EQUAL, enosys - 6, 0, _CLONE3[column]),
+    ]
+    return [
+        *head,
+        *((_EQUAL, eperm - (7 + k), 0, number) for k, number in enumerate(numbers)),
         (_RETURN, 0, 0, _ALLOW),
         (_RETURN, 0, 0, _EPERM),
+        (_RETURN, 0, 0, _ENOSYS),
+        (_LOAD, 0, 0, 16),  # the flags of clone, lower half of its first argument
+        (_ANY_BIT, 0, 1, _NEW_NAMESPACE),
+        (_RETURN, 0, 0, _EPERM),
+        (_RETURN, 0, 0, _ALLOW),
     ]
