@@ -34,6 +34,8 @@ from eigenbench.sandbox import LEVELS, readable_paths, system_folders
 from eigenbench.tasks import TaskSpec
 
 ISOLATION = ("auto", *LEVELS)
+ADAPT_CALLS = 10
+"""`adapt` may take as long as so many calls of predict: it learns from a few hundred pairs."""
 FILE_BYTES = 1 << 30
 MAX_SECONDS = 1e6
 MAX_GIB = 1024
@@ -53,6 +55,7 @@ class HostOptions:
     memory_gib : address space of each of the model's processes, in GiB (on the CPU)
     device, checkpoint : passed to `build`
     hidden : folders that the model may not read, whatever else it may
+    readable : folders that the model may read beside its own, such as the training subset for `fit`
     """
 
     isolation: str = "auto"
@@ -62,6 +65,7 @@ class HostOptions:
     device: str = "cpu"
     checkpoint: str | None = None
     hidden: tuple[Path, ...] = ()
+    readable: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
@@ -75,6 +79,31 @@ class HostOptions:
             raise UsageError(msg)
         if self.checkpoint is not None and not os.access(self.checkpoint, os.R_OK):
             msg = f"Checkpoint {self.checkpoint} does not exist or cannot be read."
+            raise UsageError(msg)
+        for folder in self.readable:
+            _check_readable(folder, self.hidden)
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What `fit` may use.
+
+    Attributes
+    ----------
+    pairs : number of training pairs in the folder
+    seconds : wall-clock time, after which a model that is still fitting is ended
+    """
+
+    pairs: int
+    seconds: float
+
+    def __post_init__(self) -> None:
+        """Refuse a budget that allows nothing."""
+        if self.pairs < 1 or not 0 < self.seconds <= MAX_SECONDS:
+            msg = (
+                f"The budget is {self.pairs} pairs and {self.seconds:g} s; "
+                f"it must be at least 1 pair, above 0 s and at most {MAX_SECONDS:g} s."
+            )
             raise UsageError(msg)
 
 
@@ -158,13 +187,7 @@ class HostedModel:
 
     def predict(self, env: NDArray[np.float32], obj: NDArray[np.float32]) -> Answer:
         """Return the checked answer for clouds (B, M, 3) and (B, N, 3); ModelError says what is wrong."""
-        listed, body = pack_arrays({"env": env, "obj": obj})
-        try:
-            self._channel.send({"kind": "predict", "arrays": listed}, body, self._options.timeout)
-        except ChannelTimeout as error:
-            raise self._silent(phase="predict", timeout=self._options.timeout) from error
-        except ChannelClosed as error:
-            raise self._ended(phase="predict") from error
+        self._send("predict", self._options.timeout, {"env": env, "obj": obj})
         header, payload = self._receive("predict", "answer", self._options.timeout, largest_body(len(env)))
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)
@@ -172,6 +195,46 @@ class HostedModel:
             msg = f"Model {self.path.name} answered with {_printable(error)}."
             raise ModelError(msg) from error
         return self._accept(arrays, header.get("groups"), len(env))
+
+    def adapt(self, env: NDArray[np.float32], obj: NDArray[np.float32], label: NDArray[np.bool_]) -> None:
+        """Let the model learn from a few labelled pairs: clouds (n, M, 3), (n, N, 3) and labels (n,) bool.
+
+        It may take `ADAPT_CALLS` times the timeout of one predict. ModelError if the model has no such
+        method (ask `capabilities.can` first), fails or is silent.
+        """
+        self._require("adapt")
+        timeout = ADAPT_CALLS * self._options.timeout
+        self._send("adapt", timeout, {"env": env, "obj": obj, "label": label.astype(np.float32)})
+        self._receive("adapt", "done", timeout)
+
+    def fit(self, folder: Path, budget: Budget) -> None:
+        """Let the model train on a split folder, which the options must name as readable, within the budget.
+
+        ModelError if the model has no such method (ask `capabilities.can` first), fails, or is still at
+        it after `budget.seconds`.
+        """
+        self._require("fit")
+        inside = [r for r in self._options.readable if folder.resolve().is_relative_to(r.resolve())]
+        if not inside:
+            msg = f"Folder {folder} is not open to the model; name it in HostOptions(readable=...)."
+            raise UsageError(msg)
+        order = {"folder": str(folder.resolve()), "pairs": budget.pairs, "seconds": budget.seconds}
+        self._send("fit", budget.seconds, {}, order)
+        self._receive("fit", "done", budget.seconds)
+
+    def _require(self, method: str) -> None:
+        if method not in self.capabilities.can:
+            msg = f"Model {self.path.name} has no method {method}."
+            raise ModelError(msg)
+
+    def _send(self, kind: str, timeout: float, arrays: Arrays, order: Header | None = None) -> None:
+        listed, body = pack_arrays(arrays)
+        try:
+            self._channel.send({"kind": kind, "arrays": listed} | (order or {}), body, timeout)
+        except ChannelTimeout as error:
+            raise self._silent(kind, timeout) from error
+        except ChannelClosed as error:
+            raise self._ended(kind) from error
 
     def _start(self, scratch: Path) -> None:
         child_read, own_write = os.pipe()
@@ -197,7 +260,7 @@ class HostedModel:
         options = self._options
         checkpoint = None if options.checkpoint is None else str(Path(options.checkpoint).resolve())
         roots = [*system_folders(options.device), *_python_folders(), str(self.path.parent)]
-        roots += [checkpoint] if checkpoint else []
+        roots += [*map(str, options.readable), *([checkpoint] if checkpoint else [])]
         return {
             "isolation": options.isolation,
             "memory_bytes": int(options.memory_gib * 2**30),
@@ -238,7 +301,7 @@ class HostedModel:
         return header, body
 
     def _silent(self, phase: str, timeout: float) -> ModelError:
-        option = "--build-timeout" if phase == "build" else "--timeout"
+        option = {"build": "--build-timeout", "fit": "the budget"}.get(phase, "--timeout")
         msg = f"Model {self.path.name} gave no answer in {phase} within {timeout:g} s; raise {option} if it needs more."
         return ModelError(msg, detail=self._log_tail())
 
@@ -282,6 +345,16 @@ class HostedModel:
             raise ModelError(msg)
         self._first = shape
         return answer
+
+
+def _check_readable(folder: Path, hidden: tuple[Path, ...]) -> None:
+    if not folder.is_dir():
+        msg = f"Folder {folder}, to be opened to the model, does not exist."
+        raise UsageError(msg)
+    for secret in hidden:
+        if folder.resolve().is_relative_to(secret.resolve()):
+            msg = f"Folder {folder} cannot be opened to the model: it lies in {secret}, which must stay hidden from it."
+            raise UsageError(msg)
 
 
 def _printable(text: Any, limit: int = 500) -> str:

@@ -1,7 +1,7 @@
 """The model's process: locks itself in, loads the model file, answers batches of clouds until told to stop.
 
 Started by `eigenbench.hosting` as `python -P -m eigenbench.model_host READ_FD WRITE_FD`. It is given
-clouds and the task's name: no label, no order, no seed.
+clouds and the task's name: no order, no seed, and no label but those of `adapt` and `fit`.
 """
 
 import importlib.util
@@ -38,13 +38,17 @@ def _serve(channel: Channel, order: Header) -> None:
         phase = "build"
         model = _build(builder, order)
         channel.send({"kind": "ready", **_capabilities(model)})
-        phase = "predict"
         while True:
             header, body = channel.receive()
+            phase = header["kind"]
             clouds = unpack_arrays(header["arrays"], body)
-            arrays, groups = _predict(model, clouds)
-            listed, payload = pack_arrays(arrays)
-            channel.send({"kind": "answer", "arrays": listed, "groups": groups}, payload)
+            if phase == "predict":
+                arrays, groups = _predict(model, clouds)
+                listed, payload = pack_arrays(arrays)
+                channel.send({"kind": "answer", "arrays": listed, "groups": groups}, payload)
+            else:
+                _learn(model, header, clouds)
+                channel.send({"kind": "done"})
     except ChannelClosed:
         raise
     except BaseException as error:
@@ -103,14 +107,32 @@ def _capabilities(model: Any) -> Header:
     }
 
 
+def _learn(model: Any, header: Header, clouds: dict[str, Any]) -> None:
+    """Run `adapt` on labelled pairs in memory, or `fit` on a folder of them."""
+    if header["kind"] == "adapt":
+        env, obj = _own(model, clouds["env"]), _own(model, clouds["obj"])
+        model.adapt(env, obj, _own(model, clouds["label"] != 0))
+        return
+    from eigenbench.dataset import load
+    from eigenbench.hosting import Budget
+
+    model.fit(load(header["folder"]), Budget(header["pairs"], header["seconds"]))
+
+
+def _own(model: Any, values: Any) -> Any:
+    """Return a writable copy in the kind of array that the model asks for."""
+    copy = values.copy()
+    if getattr(model, "arrays", "numpy") != "torch":
+        return copy
+    import torch
+
+    return torch.from_numpy(copy)
+
+
 def _predict(model: Any, clouds: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     from eigenbench.records import Prediction
 
-    env, obj = clouds["env"].copy(), clouds["obj"].copy()
-    if getattr(model, "arrays", "numpy") == "torch":
-        import torch
-
-        env, obj = torch.from_numpy(env), torch.from_numpy(obj)
+    env, obj = _own(model, clouds["env"]), _own(model, clouds["obj"])
     answer = Prediction.of(model.predict(env, obj))
     arrays = {}
     for name in ("probability", "env_lengths", "obj_lengths", "vectors", "planes"):
