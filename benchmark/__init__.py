@@ -2,7 +2,7 @@
 
 `benchmark/` in the source tree is this package, `eigenbench`; `generators/`, `baselines/` and
 `leaderboard/` beside it are its sub-packages. Read in the order of the data:
-tasks -> shard_format -> shards -> dataset -> hosting -> scoring -> tables, then cli.
+tasks -> shard_format -> shards -> dataset -> hosting -> asking -> scoring -> evaluation -> tables, then cli.
 
 Importing it loads nothing heavy; each public name is fetched when it is first used.
 """
@@ -14,6 +14,7 @@ from eigenbench._version import DATA_VERSION, __version__
 
 if TYPE_CHECKING:
     from eigenbench.checking import check
+    from eigenbench.comparison import compare
     from eigenbench.dataset import load
     from eigenbench.evaluation import evaluate
     from eigenbench.records import Prediction
@@ -25,6 +26,7 @@ _PUBLIC = {
     "TASKS": "eigenbench.tasks",
     "Prediction": "eigenbench.records",
     "check": "eigenbench.checking",
+    "compare": "eigenbench.comparison",
     "evaluate": "eigenbench.evaluation",
     "generate": "eigenbench.generators.generation",
     "load": "eigenbench.dataset",
@@ -38,6 +40,7 @@ __all__ = [
     "Prediction",
     "__version__",
     "check",
+    "compare",
     "evaluate",
     "generate",
     "load",

@@ -59,7 +59,9 @@ class Asked:
     harness_seconds: float
 
 
-def ask(asker: Asker, part: Part, order: NDArray[np.int64], title: str, prepare: Prepare | None, *, anew: bool) -> Asked:
+def ask(
+    asker: Asker, part: Part, order: NDArray[np.int64], title: str, prepare: Prepare | None, *, anew: bool
+) -> Asked:
     """Return the answers for all pairs; those that `part` holds already are not asked for again.
 
     `order` (n,) are the rows in the order in which they are asked for. With `anew` a part that is not whole starts
@@ -67,7 +69,7 @@ def ask(asker: Asker, part: Part, order: NDArray[np.int64], title: str, prepare:
     """
     started = time.perf_counter()
     pairs = len(asker.dataset)
-    if anew and 0 < part.pairs < pairs:
+    if anew and part.pairs < pairs:
         part.restart()
     _check_kept(part, asker.dataset, order)
     if part.pairs < pairs:
@@ -125,9 +127,7 @@ def _ask_rest(
     pending.keep()
 
 
-def _batches(
-    dataset: Dataset, rows: NDArray[np.int64], batch_size: int
-) -> Iterator[tuple[NDArray[np.int64], Arrays]]:
+def _batches(dataset: Dataset, rows: NDArray[np.int64], batch_size: int) -> Iterator[tuple[NDArray[np.int64], Arrays]]:
     """Yield (rows, clouds) of each batch; a second thread reads the next one meanwhile."""
     batches = [rows[k : k + batch_size] for k in range(0, len(rows), batch_size)]
     with ThreadPoolExecutor(1) as reader:

@@ -47,7 +47,7 @@ def ids_digest(pair_id: Ids) -> str:
 
 def _smallest(name: str, pair_id: Ids, pairs: int) -> Rows:
     if not 1 <= pairs <= len(pair_id):
-        msg = f"A subset of {pairs:,} pairs was asked for; it must be from 1 to the {len(pair_id):,} of the train split."
+        msg = f"A subset of {pairs:,} pairs was asked for; the train split has {len(pair_id):,}. Pass a larger one."
         raise UsageError(msg)
     return np.argsort(_keys(name, pair_id), kind="stable")[:pairs]
 

@@ -108,6 +108,11 @@ class Journal:
             write_text_atomically(self.folder / _REQUEST, json.dumps(body, indent=1))
         remove_leftovers(self.folder)
 
+    @property
+    def seed(self) -> str:
+        """The seed of the secret orders, 32 hexadecimal digits: a secret until the run is whole."""
+        return f"{self._seed:032x}"
+
     def order(self, part: str, pairs: int) -> NDArray[np.int64]:
         """Return the secret order (pairs,) in which a part asks for its pairs: drawn for this run and part."""
         return np.random.default_rng([self._seed, *part.encode()]).permutation(pairs)
@@ -123,9 +128,9 @@ class Journal:
         part.blocks = [_read_block(path) for path in sorted(folder.glob("answers-*.npz"))]
         return part
 
-    def answered(self) -> int:
-        """Return the number of blocks kept in all parts."""
-        return len(list(self.folder.glob("*/answers-*.npz")))
+    def pairs_kept(self) -> int:
+        """Return the number of answers kept in all parts."""
+        return sum(len(_read_block(path).pair_id) for path in self.folder.glob("*/answers-*.npz"))
 
     def remove(self) -> None:
         """Remove all of it: the run is whole, or holds nothing worth keeping."""

@@ -13,7 +13,9 @@ from eigenbench.manifest import Manifest
 
 MAX_FILES = 500
 MAX_BYTES = 64 << 20
-"""Most Python files beside a model, and bytes in them, that its digest covers; what is beyond is counted as left out."""
+"""Most Python files beside a model, and bytes in them, that its digest covers; those beyond are counted."""
+MAX_DEPTH = 3
+"""How many folders below the model's its digest looks."""
 _WEIGHTS = (".json", ".npz", ".npy", ".safetensors", ".pt", ".pth", ".ckpt", ".onnx")
 """Suffixes of files that count as the model's own where they carry its file's name: model.json beside model.py."""
 _OTHERS = ("__pycache__", "node_modules", "site-packages", "build", "dist")
@@ -28,7 +30,8 @@ class ModelDigests:
     ----------
     digest : the model file
     folder_digest : the Python files at and below the model file's folder, with their paths there, and weights
-        named as the model file; hidden folders, links, environments and build folders are passed over
+        named as the model file; hidden folders, links, environments, build folders and what lies deeper than
+        three folders are passed over
     files, left_out : number of files that `folder_digest` covers, and that were beyond its limits
     checkpoint_digest : the checkpoint, a file or all files of a folder; None without one
     """
@@ -68,7 +71,8 @@ def _own_files(model: Path) -> tuple[list[Path], int]:
 def _python_files(folder: Path) -> Iterator[Path]:
     for here, folders, files in os.walk(folder):
         place = Path(here)
-        kept = [f for f in folders if not f.startswith(".") and f not in _OTHERS]
+        deep = len(place.relative_to(folder).parts) >= MAX_DEPTH
+        kept = [f for f in folders if not deep and not f.startswith(".") and f not in _OTHERS]
         folders[:] = sorted(f for f in kept if not (place / f / "pyvenv.cfg").exists())
         yield from (place / f for f in files if f.endswith(".py") and _is_plain(place / f))
 
