@@ -59,7 +59,7 @@ def main() -> None:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
         print(
-            "error: interrupted. Finished shards are kept: the same `generate` goes on; so does an `evaluate` with its --out.",
+            "error: interrupted. Finished shards are kept: the same `generate` goes on. So does `evaluate` with --out.",
             file=sys.stderr,
         )
     sys.exit(code)
