@@ -1,8 +1,7 @@
 """Ask a model about every pair of a split: one process, a secret order, the next batch read while it works."""
 
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -47,8 +46,8 @@ class Asked:
     predictions : the answers
     isolation, capabilities : how the model was run, and what it says of itself
     prepared : what `Prepare` returned
-    model_seconds : in the model's calls of predict, the clouds' way there and the answers' way back included
-    harness_seconds : beside them: starting the process, reading clouds, checking and storing answers
+    model_seconds : in the model's calls of predict, as its process told
+    harness_seconds : all other time: starting the process, sending and reading clouds, checking and storing answers
     """
 
     predictions: Predictions
@@ -112,11 +111,11 @@ def _ask_rest(
     """Ask for what is left, batch by batch; whatever ends it, the answers so far are kept."""
     pending = _Pending(part, asker.dataset.column("pair_id"), started)
     pairs, done = len(order), part.pairs
+    ahead = _Ahead(asker.dataset, order[done:], asker.batch_size)
     try:
-        for rows, clouds in _batches(asker.dataset, order[done:], asker.batch_size):
-            before = time.perf_counter()
-            answer = hosted.predict(*(clouds[name] for name in CLOUDS))
-            pending.add(rows, answer, time.perf_counter() - before)
+        while ahead.rows is not None:
+            rows, clouds = ahead.rows, ahead.clouds
+            pending.add(rows, hosted.predict(*(clouds[name] for name in CLOUDS), meanwhile=ahead.read))
             done += len(rows)
             if asker.progress:
                 asker.progress(title, done, pairs)
@@ -127,16 +126,24 @@ def _ask_rest(
     pending.keep()
 
 
-def _batches(dataset: Dataset, rows: NDArray[np.int64], batch_size: int) -> Iterator[tuple[NDArray[np.int64], Arrays]]:
-    """Yield (rows, clouds) of each batch; a second thread reads the next one meanwhile."""
-    batches = [rows[k : k + batch_size] for k in range(0, len(rows), batch_size)]
-    with ThreadPoolExecutor(1) as reader:
-        ahead = reader.submit(dataset.read, batches[0], CLOUDS)
-        for k, batch in enumerate(batches):
-            clouds = ahead.result()
-            if k + 1 < len(batches):
-                ahead = reader.submit(dataset.read, batches[k + 1], CLOUDS)
-            yield batch, clouds
+class _Ahead:
+    """The clouds of the next batch, read while the model works on the one before.
+
+    Attributes
+    ----------
+    rows : the next batch, None after the last
+    clouds : its clouds
+    """
+
+    def __init__(self, dataset: Dataset, rows: NDArray[np.int64], batch_size: int) -> None:
+        self._dataset = dataset
+        self._batches = iter([rows[k : k + batch_size] for k in range(0, len(rows), batch_size)])
+        self.read()
+
+    def read(self) -> None:
+        """Read the next batch."""
+        self.rows = next(self._batches, None)
+        self.clouds = {} if self.rows is None else self._dataset.read(self.rows, CLOUDS)
 
 
 class _Pending:
@@ -147,7 +154,7 @@ class _Pending:
         self._answers: list[tuple[NDArray[np.int64], Answer]] = []
         self._model_seconds = 0.0
 
-    def add(self, rows: NDArray[np.int64], answer: Answer, seconds: float) -> None:
+    def add(self, rows: NDArray[np.int64], answer: Answer) -> None:
         """Take one batch's answer; ModelError if it is of another form than those kept before."""
         first = self._part.blocks[0] if self._part.blocks else None
         if first is not None:
@@ -157,7 +164,7 @@ class _Pending:
                 msg = f"The model changed its answer between batches from {was} to {now}; S and fields must stay."
                 raise ModelError(msg)
         self._answers.append((rows, answer))
-        self._model_seconds += seconds
+        self._model_seconds += answer.seconds
         if time.perf_counter() - self._since > KEEP_SECONDS:
             self.keep()
 

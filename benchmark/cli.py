@@ -32,7 +32,7 @@ _INTERRUPTED = 130
 
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
 BuildTimeout = Annotated[float, typer.Option(help="Seconds for import and build.")]
-Memory = Annotated[float, typer.Option(help="Memory of the model's process, GiB.")]
+Memory = Annotated[float, typer.Option(help="Memory of all the model's processes, GiB.")]
 Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
 Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
 FewShotOption = Annotated[
@@ -41,7 +41,7 @@ FewShotOption = Annotated[
 DataEfficiencyOption = Annotated[
     Path | None, typer.Option("--data-efficiency", help="Train split of the same task: the model fits subsets of it.")
 ]
-Isolation = Annotated[str, typer.Option(help="auto, none, rlimits or landlock.")]
+Isolation = Annotated[str, typer.Option(help="auto, none, rlimits, landlock or bubblewrap.")]
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from eigenbench._version import DATA_VERSION, __version__
 from eigenbench.asking import Asked, Asker, Progress, ask
 from eigenbench.dataset import Dataset, load
 from eigenbench.errors import EigenbenchError, UsageError
+from eigenbench.frozen_subsets import few_shot_draw
 from eigenbench.hosting import HostOptions, split_model_name
 from eigenbench.intervals import SEED
 from eigenbench.journal import UNFINISHED, Journal
@@ -75,6 +76,7 @@ class _Request:
         }
         if few_shot is not None:
             train = load_train(few_shot.train, self.asker.dataset)
+            few_shot_draw(train.task.name, 0, train.column("pair_id"))  # refuses a split too small for a draw
             found |= {"few_shot_data_digest": train.manifest.digest, "few_shot_draws": few_shot.draws}
         if efficiency is not None:
             train = load_train(efficiency.train, self.asker.dataset)

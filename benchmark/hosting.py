@@ -9,8 +9,8 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench import bubblewrap
 from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups
-from eigenbench.errors import ModelError, UsageError, choose
+from eigenbench.errors import ModelError, UsageError
+from eigenbench.host_options import MAX_SECONDS, Budget, Capabilities, HostOptions
 from eigenbench.protocol import (
     BadFrame,
     Channel,
@@ -30,113 +32,28 @@ from eigenbench.protocol import (
     unpack_arrays,
 )
 from eigenbench.records import Arrays, Groups
-from eigenbench.sandbox import LEVELS, readable_paths, system_folders
+from eigenbench.sandbox import LEVELS, gpu_devices, readable_paths, system_folders
+from eigenbench.scratch_folders import scratch_folder
 from eigenbench.tasks import TaskSpec
+from eigenbench.watchdog import Watchdog, end_tree, watchable
 
-ISOLATION = ("auto", *LEVELS)
+__all__ = ["Answer", "Budget", "Capabilities", "HostOptions", "HostedModel", "split_model_name"]
+
 ADAPT_CALLS = 10
 """`adapt` may take as long as so many calls of predict: it learns from a few hundred pairs."""
 FILE_BYTES = 1 << 30
-MAX_SECONDS = 1e6
-MAX_GIB = 1024
+_BY_SIGNAL = 128
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "PYTHONPATH", "CUDA_VISIBLE_DEVICES")
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENBLAS_CORETYPE")
 
 
 @dataclass(frozen=True, slots=True)
-class HostOptions:
-    """How a model is run.
-
-    Attributes
-    ----------
-    isolation : "auto" for the strongest level there is, or the level that must be reached
-    timeout : seconds for one call of predict
-    build_timeout : seconds for import and build
-    memory_gib : address space of each of the model's processes, in GiB (on the CPU)
-    device, checkpoint : passed to `build`
-    hidden : folders that the model may not read, whatever else it may
-    readable : folders that the model may read beside its own, such as the training subset for `fit`
-    """
-
-    isolation: str = "auto"
-    timeout: float = 120.0
-    build_timeout: float = 30.0
-    memory_gib: float = 4.0
-    device: str = "cpu"
-    checkpoint: str | None = None
-    hidden: tuple[Path, ...] = ()
-    readable: tuple[Path, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        choose("isolation level", self.isolation, ISOLATION)
-        for name, value in (("timeout", self.timeout), ("build timeout", self.build_timeout)):
-            if not 0 < value <= MAX_SECONDS:
-                msg = f"The {name} is {value:g} s; it must be above 0 and at most {MAX_SECONDS:g}."
-                raise UsageError(msg)
-        if not 0.25 <= self.memory_gib <= MAX_GIB:
-            msg = f"The memory limit is {self.memory_gib:g} GiB; it must be from 0.25 to {MAX_GIB}."
-            raise UsageError(msg)
-        if self.checkpoint is not None and not os.access(self.checkpoint, os.R_OK):
-            msg = f"Checkpoint {self.checkpoint} does not exist or cannot be read."
-            raise UsageError(msg)
-        for folder in self.readable:
-            _check_readable(folder, self.hidden)
-
-
-@dataclass(frozen=True, slots=True)
-class Budget:
-    """What `fit` may use.
-
-    Attributes
-    ----------
-    pairs : number of training pairs in the folder
-    seconds : wall-clock time, after which a model that is still fitting is ended
-    """
-
-    pairs: int
-    seconds: float
-
-    def __post_init__(self) -> None:
-        """Refuse a budget that allows nothing."""
-        if self.pairs < 1 or not 0 < self.seconds <= MAX_SECONDS:
-            msg = (
-                f"The budget is {self.pairs} pairs and {self.seconds:g} s; "
-                f"it must be at least 1 pair, above 0 s and at most {MAX_SECONDS:g} s."
-            )
-            raise UsageError(msg)
-
-
-@dataclass(frozen=True, slots=True)
-class Capabilities:
-    """What a model says of itself, once it is built.
-
-    Attributes
-    ----------
-    arrays : what its predict receives, "numpy" or "torch"
-    grounded : its object lengths may depend on the environment
-    can : the optional methods that it has, of `adapt` and `fit`
-    """
-
-    arrays: str = "numpy"
-    grounded: bool = False
-    can: list[str] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, header: Header) -> "Capabilities":
-        """Take from a frame what has the right name and type, and nothing else."""
-        can = header.get("can")
-        named = [name for name in ("adapt", "fit") if isinstance(can, list) and name in can]
-        arrays = "torch" if header.get("arrays") == "torch" else "numpy"
-        return cls(arrays, header.get("grounded") is True, named)
-
-
-@dataclass(frozen=True, slots=True)
 class Answer:
-    """One checked batch: arrays by field, and the AND groups if the model gives them."""
+    """One checked batch: arrays by field, the AND groups if the model gives them, its seconds by its own word."""
 
     arrays: Arrays
     groups: Groups | None
+    seconds: float = 0.0
 
 
 def split_model_name(model: str | Path) -> tuple[Path, str]:
@@ -159,19 +76,19 @@ class HostedModel:
         self._task, self._options = task, options
         self.isolation: Header = {}
         self.capabilities = Capabilities()
+        self._watchdog: Watchdog | None = None
         self._first: tuple[frozenset[str], int, Groups | None] | None = None
 
     def __enter__(self) -> "HostedModel":
         """Start the process, lock it in, load and build the model."""
-        self._folder = Path(tempfile.mkdtemp(prefix="eigenbench-model-"))
+        self._holds = contextlib.ExitStack()
+        self._folder = self._holds.enter_context(scratch_folder("model"))
         self._log = (self._folder / "log").open("w+b")
         scratch = self._folder / "scratch"
         scratch.mkdir()
         try:
             self._start(scratch)
-            self._channel.send(self._order(scratch), timeout=self._options.build_timeout)
-            self.isolation = self._receive("isolation", "isolation", self._options.build_timeout)[0]
-            self._check_level()
+            self._enter()
             ready = self._receive("build", "ready", self._options.build_timeout)[0]
             self.capabilities = Capabilities.of(ready)
         except BaseException:
@@ -179,22 +96,41 @@ class HostedModel:
             raise
         return self
 
+    def _enter(self) -> None:
+        """Give the process its order, and learn how far it locked itself in."""
+        try:
+            self._channel.send(self._order, timeout=self._options.build_timeout)
+            self.isolation = self._receive("isolation", "isolation", self._options.build_timeout)[0]
+        except (ModelError, ChannelClosed) as error:
+            # No line of the model has run yet.
+            said = _printable(self._log_tail().strip().rpartition("\n")[2], 200) or str(error)
+            msg = f"The isolated process could not be started ({said}); pass --isolation landlock or less."
+            raise UsageError(msg) from error
+        self.isolation["sums"] = "watched" if self._watchdog else "open"
+        self._check_level()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the process and remove its files."""
         self._stop()
 
-    def predict(self, env: NDArray[np.float32], obj: NDArray[np.float32]) -> Answer:
-        """Return the checked answer for clouds (B, M, 3) and (B, N, 3); ModelError says what is wrong."""
+    def predict(
+        self, env: NDArray[np.float32], obj: NDArray[np.float32], meanwhile: Callable[[], None] = lambda: None
+    ) -> Answer:
+        """Return the checked answer for clouds (B, M, 3) and (B, N, 3); ModelError says what is wrong.
+
+        `meanwhile` is called while the model works.
+        """
         self._send("predict", self._options.timeout, {"env": env, "obj": obj})
+        meanwhile()
         header, payload = self._receive("predict", "answer", self._options.timeout, largest_body(len(env)))
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)
         except BadFrame as error:
             msg = f"Model {self.path.name} answered with {_printable(error)}."
             raise ModelError(msg) from error
-        return self._accept(arrays, header.get("groups"), len(env))
+        return self._accept(arrays, header.get("groups"), len(env), _seconds(header.get("seconds")))
 
     def adapt(self, env: NDArray[np.float32], obj: NDArray[np.float32], label: NDArray[np.bool_]) -> None:
         """Let the model learn from a few labelled pairs: clouds (n, M, 3), (n, N, 3) and labels (n,) bool.
@@ -242,6 +178,9 @@ class HostedModel:
         environment = {k: os.environ[k] for k in (*_ENVIRONMENT, *_THREADS) if k in os.environ}
         environment |= {k: str(scratch) for k in ("HOME", "TMPDIR", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
         command = [sys.executable, "-P", "-m", "eigenbench.model_host", str(child_read), str(child_write)]
+        self._order = self._order_for(scratch)
+        if self._order["bubblewrap"]:
+            command = self._wrapped(command, scratch)
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -255,24 +194,52 @@ class HostedModel:
         os.close(child_read)
         os.close(child_write)
         self._channel = Channel(own_read, own_write)
+        if self._options.isolation != "none" and watchable():
+            self._watchdog = Watchdog(self._process.pid, self._folder, self._options.limits)
 
-    def _order(self, scratch: Path) -> Header:
+    def _order_for(self, scratch: Path) -> Header:
         options = self._options
-        checkpoint = None if options.checkpoint is None else str(Path(options.checkpoint).resolve())
-        roots = [*system_folders(options.device), *_python_folders(), str(self.path.parent)]
-        roots += [*map(str, options.readable), *([checkpoint] if checkpoint else [])]
         return {
             "isolation": options.isolation,
-            "memory_bytes": int(options.memory_gib * 2**30),
+            "bubblewrap": self._use_bubblewrap(),
+            "memory_bytes": options.limits.memory,
             "file_bytes": FILE_BYTES,
-            "readable": readable_paths(roots, [h.resolve() for h in options.hidden]),
+            "readable": readable_paths(self._roots(), [h.resolve() for h in options.hidden]),
             "writable": str(scratch),
             "device": options.device,
             "model": str(self.path),
             "name": self.name,
             "task": self._task.name,
-            "checkpoint": checkpoint,
+            "checkpoint": self._checkpoint(),
         }
+
+    def _roots(self) -> list[str]:
+        given = [*map(str, self._options.readable), *filter(None, [self._checkpoint()])]
+        return [*system_folders(self._options.device), *_python_folders(), str(self.path.parent), *given]
+
+    def _checkpoint(self) -> str | None:
+        given = self._options.checkpoint
+        return None if given is None else str(Path(given).resolve())
+
+    def _use_bubblewrap(self) -> bool:
+        asked = self._options.isolation
+        if asked not in ("auto", "bubblewrap"):
+            return False
+        missing = bubblewrap.missing()
+        if missing and asked == "bubblewrap":
+            msg = f"Isolation level 'bubblewrap' cannot be reached here: {missing}; pass --isolation auto."
+            raise UsageError(msg)
+        return not missing
+
+    def _wrapped(self, command: list[str], scratch: Path) -> list[str]:
+        return bubblewrap.wrap(
+            command,
+            readable=self._order["readable"],
+            linked=[*self._roots(), sys.executable],
+            devices=gpu_devices(self._options.device),
+            scratch=scratch,
+            scratch_bytes=self._options.limits.disk,
+        )
 
     def _check_level(self) -> None:
         asked, reached = self._options.isolation, self.isolation["level"]
@@ -306,10 +273,15 @@ class HostedModel:
         return ModelError(msg, detail=self._log_tail())
 
     def _ended(self, phase: str) -> ModelError:
+        if self._watchdog and self._watchdog.broken:
+            msg = f"Model {self.path.name} was ended in {phase}: {self._watchdog.broken}."
+            return ModelError(msg, detail=self._log_tail())
         try:
             code = self._process.wait(5)
         except subprocess.TimeoutExpired:
             code = 0
+        if code > _BY_SIGNAL and self.isolation.get("processes") == "namespace":
+            code = _BY_SIGNAL - code  # the first process of a namespace can end by no signal, and says it like this
         names = {int(s): s.name for s in signal.Signals}
         how = f"exit code {code}" if code >= 0 else f"signal {names.get(-code, -code)}"
         msg = f"Model {self.path.name} ended its process in {phase} ({how}) instead of answering."
@@ -321,20 +293,22 @@ class HostedModel:
         return self._log.read().decode(errors="replace")
 
     def _stop(self) -> None:
+        if self._watchdog:
+            self._watchdog.stop()
         if hasattr(self, "_process"):
+            end_tree(self._process.pid)
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
         if hasattr(self, "_channel"):
             self._channel.close()
         self._log.close()
-        # A tree too deep for shutil's recursion is left to rm, which walks it without.
-        subprocess.run(["rm", "-rf", "--", self._folder], check=False, stderr=subprocess.DEVNULL)
+        self._holds.close()
 
-    def _accept(self, arrays: Arrays, groups: Any, batch: int) -> Answer:
+    def _accept(self, arrays: Arrays, groups: Any, batch: int, seconds: float) -> Answer:
         """Check one answer against the interface and against the answers before it."""
         try:
-            answer = Answer(arrays, read_groups(groups))
+            answer = Answer(arrays, read_groups(groups), seconds)
             shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
         except BadAnswer as error:
             msg = f"Model {self.path.name} {_printable(error)}."
@@ -347,14 +321,9 @@ class HostedModel:
         return answer
 
 
-def _check_readable(folder: Path, hidden: tuple[Path, ...]) -> None:
-    if not folder.is_dir():
-        msg = f"Folder {folder}, to be opened to the model, does not exist."
-        raise UsageError(msg)
-    for secret in hidden:
-        if folder.resolve().is_relative_to(secret.resolve()):
-            msg = f"Folder {folder} cannot be opened to the model: it lies in {secret}, which must stay hidden from it."
-            raise UsageError(msg)
+def _seconds(told: Any) -> float:
+    """Return a model's own word on how long it took, 0 where it is none."""
+    return float(told) if isinstance(told, int | float) and 0 <= told <= MAX_SECONDS else 0.0
 
 
 def _printable(text: Any, limit: int = 500) -> str:

