@@ -123,7 +123,7 @@ def _learn(model: Any, header: Header, clouds: dict[str, Any]) -> None:
 
 
 def _own(model: Any, values: Any) -> Any:
-    """Return an array as the kind that the model asks for; a frame has memory of its own, which the model may change."""
+    """Return an array as the kind that the model asks for; a frame is its own memory, so the model may change it."""
     if getattr(model, "arrays", "numpy") != "torch":
         return values
     import torch
