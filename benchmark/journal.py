@@ -151,7 +151,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 def _read_block(path: Path) -> Block:
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in stored.files if k not in _RESERVED}
             groups = read_groups(json.loads(str(stored["groups"])))
             model_seconds, harness_seconds = (float(s) for s in stored["seconds"])

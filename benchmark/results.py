@@ -143,7 +143,7 @@ def _read_result(folder: Path) -> dict[str, Any]:
 def _read_predictions(path: Path, digest: Any) -> tuple[Predictions, NDArray[np.uint64]]:
     """Return stored predictions and the ids of their pairs, checked against the interface and their digest."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in stored.files}
         groups = read_groups(json.loads(str(arrays.pop("groups"))))
         pair_id = arrays.pop("pair_id")
