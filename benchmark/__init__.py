@@ -14,6 +14,7 @@ from eigenbench._version import DATA_VERSION, __version__
 
 if TYPE_CHECKING:
     from eigenbench.checking import check
+    from eigenbench.checkpoints import load_checkpoint
     from eigenbench.comparison import compare
     from eigenbench.dataset import load
     from eigenbench.evaluation import evaluate
@@ -30,6 +31,7 @@ _PUBLIC = {
     "evaluate": "eigenbench.evaluation",
     "generate": "eigenbench.generators.generation",
     "load": "eigenbench.dataset",
+    "load_checkpoint": "eigenbench.checkpoints",
     "score": "eigenbench.scoring",
     "verify": "eigenbench.verification",
 }
@@ -44,6 +46,7 @@ __all__ = [
     "evaluate",
     "generate",
     "load",
+    "load_checkpoint",
     "score",
     "verify",
 ]

@@ -1,5 +1,6 @@
 """Is an answer one that can be scored? The same rules for a model's batch and for stored predictions."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,6 +23,9 @@ FIELDS: dict[str, tuple[int | str, ...]] = {
     "planes": ("S", 2, 3),
 }
 """Row shape of each array that an answer may hold."""
+
+
+_NARROW = re.compile(rf"({'|'.join(FIELDS)}) (float16|bfloat16|bool|u?int(8|16|32|64))")
 
 
 class BadAnswer(EigenbenchError):
@@ -68,6 +72,15 @@ def read_groups(groups: Any) -> Groups | None:
     if not good:
         _refuse(f"returned groups {str(groups)[:80]}; expected 1 to {MAX_SLOTS} lists of different slot numbers")
     return tuple(tuple(g) for g in groups)
+
+
+def read_narrow(listed: Any) -> tuple[str, ...]:
+    """Return what a model's process says of narrow numbers, "field type" each; what is no such text is left out.
+
+    Half floats, integers and booleans are widened to float64 and never refused: they are the numbers that they are.
+    """
+    texts = listed if isinstance(listed, list) else []
+    return tuple(t for t in texts[: len(FIELDS)] if isinstance(t, str) and _NARROW.fullmatch(t))
 
 
 def _is_group(group: Any) -> bool:

@@ -1,21 +1,28 @@
-"""Self-checks of a submission on a toy set, in seconds, before a long run finds the fault.
+"""Self-checks of a submission: on a toy set in seconds, or on the first batch of a run, before it finds the fault.
 
 The toy pairs are boxes' and ellipsoids' surfaces made here with numpy; they have no labels. What is
 checked is how the model answers, not how well.
 """
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.answers import FIELDS
 from eigenbench.errors import UsageError
 from eigenbench.hosting import Answer, HostedModel, HostOptions
 from eigenbench.metrics import decide, one_group
 from eigenbench.shard_format import POINTS
 from eigenbench.tasks import find_task
 
+FULL_RUN = 20_000
+"""Pairs of a test split: what the speed is told for."""
+PROBED = 12
+"""Pairs that are asked about again and again, alone, in another order, with other partners."""
+METHODS = ("adapt", "fit")
 PAIRS = 24
 TOLERANCE = 1e-4
 """Allowed change of an answer, relative to its own size: batches change the order of float32 sums."""
@@ -40,25 +47,67 @@ def check(model: str | Path, task: str = "tube", options: HostOptions | None = N
     """
     env, obj = toy_clouds(np.random.default_rng(0))
     with HostedModel(model, find_task(task), options or HostOptions()) as hosted:
-        first = hosted.predict(env, obj)
-        again = hosted.predict(env, obj)
-        singles = [hosted.predict(env[k : k + 1], obj[k : k + 1]) for k in range(len(env))]
-        turned = hosted.predict(env[::-1].copy(), obj[::-1].copy())
-        swapped = hosted.predict(env, np.roll(obj, 1, axis=0))
-        grounded = hosted.capabilities.grounded or "vectors" in first.arrays
-        level, network = hosted.isolation["level"], hosted.isolation["network"]
-    fields = ", ".join(f"{k} {v.shape}" for k, v in sorted(first.arrays.items()))
+        findings = quick_check(hosted, env, obj)
+        isolation = hosted.isolation
+    reached = ", ".join(f"{k} {isolation[k]}" for k in ("network", "files", "processes", "syscalls", "sums"))
+    return [*findings, Finding("isolation", None, f"level '{isolation['level']}': {reached}")]
+
+
+def quick_check(hosted: HostedModel, env: Clouds, obj: Clouds) -> list[Finding]:
+    """Check a running model on one batch of pairs, clouds (B, M, 3) and (B, N, 3); one finding per check.
+
+    It asks about the batch once, and `PROBED` of its pairs a few times more, so that it costs little more
+    than one batch. Raises as `HostedModel.predict` does.
+    """
+    few = slice(0, min(PROBED, len(env)))
+    some_env, some_obj = env[few], obj[few]
+    first = hosted.predict(some_env, some_obj)  # also wakes the model, so that the next call tells its speed
+    start = time.perf_counter()
+    whole = hosted.predict(env, obj)
+    seconds = time.perf_counter() - start
+    again = hosted.predict(some_env, some_obj)
+    singles = [hosted.predict(some_env[k : k + 1], some_obj[k : k + 1]) for k in range(len(some_env))]
+    turned = hosted.predict(some_env[::-1].copy(), some_obj[::-1].copy())
+    swapped = hosted.predict(some_env, np.roll(some_obj, 1, axis=0))
+    grounded = hosted.capabilities.grounded or "vectors" in first.arrays
     alone = Answer({k: np.concatenate([s.arrays[k] for s in singles]) for k in first.arrays}, None)
+    within = Answer({k: v[few] for k, v in whole.arrays.items()}, None)
     backward = Answer({k: v[::-1] for k, v in turned.arrays.items()}, None)
     return [
-        Finding("interface: shapes, types, finite values", True, fields),
+        Finding("interface: shapes, types, finite values", True, _provided(whole)),
+        Finding("capabilities", None, _not_provided(whole, hosted)),
+        _precision(whole),
         _same("repeatability: the same batch twice", first, again),
         _same("batch size: one pair at a time (a train-mode batch norm fails here)", first, alone),
+        _same(f"batch size: the same pairs among {len(env)}", first, within),
         _same("order: the batch backwards", first, backward),
         *_length_findings(first, swapped, grounded),
-        _composition(first),
-        Finding("isolation", None, f"level '{level}', network {network}"),
+        _composition(whole),
+        _speed(len(env), seconds),
     ]
+
+
+def _provided(answer: Answer) -> str:
+    return ", ".join(f"{k} {v.shape}" for k, v in sorted(answer.arrays.items()))
+
+
+def _not_provided(answer: Answer, hosted: HostedModel) -> str:
+    absent = [name for name in FIELDS if name not in answer.arrays]
+    absent += [name for name in METHODS if name not in hosted.capabilities.can]
+    return f"not provided: {', '.join(absent)}" if absent else "all provided"
+
+
+def _precision(answer: Answer) -> Finding:
+    name = "precision: float32 or float64"
+    if not answer.narrow:
+        return Finding(name, True, "as asked")
+    return Finding(name, None, f"{', '.join(answer.narrow)}: taken as they are, but close pairs become ties")
+
+
+def _speed(pairs: int, seconds: float) -> Finding:
+    rate = pairs / max(seconds, 1e-9)
+    seen = f"{rate:,.0f} pairs/s in batches of {pairs}: about {FULL_RUN / rate:,.0f} s for {FULL_RUN:,}"
+    return Finding("speed", None, seen)
 
 
 def toy_clouds(rng: np.random.Generator) -> tuple[Clouds, Clouds]:
@@ -92,7 +141,9 @@ def _length_findings(first: Answer, swapped: Answer, grounded: bool) -> list[Fin
         "obj_lengths": "honesty: an object's lengths do not move with the environment",
     }
     if "env_lengths" not in first.arrays:
-        return [Finding(name, None, "no lengths provided") for name in names.values()]
+        return [Finding(name, None, "lengths not provided") for name in names.values()]
+    if len(first.arrays["env_lengths"]) == 1:
+        return [Finding(name, None, "needs two pairs") for name in names.values()]
     findings = []
     for field, name in names.items():
         was = first.arrays[field]
@@ -109,11 +160,11 @@ def _composition(first: Answer) -> Finding:
     name = "honesty: AND(env > obj) is the model's own decision"
     arrays = first.arrays
     if "env_lengths" not in arrays or "probability" not in arrays:
-        return Finding(name, None, "needs both lengths and a probability")
+        return Finding(name, None, "lengths or probability not provided")
     groups = first.groups or one_group(arrays["env_lengths"].shape[1])
     composed = decide(arrays["env_lengths"], arrays["obj_lengths"], groups)
     agree = float(np.mean(composed == (arrays["probability"] >= 0.5)))
-    return Finding(name, agree == 1.0, f"agrees on {agree:.1%} of the toy pairs")
+    return Finding(name, agree == 1.0, f"agrees on {agree:.1%} of the pairs")
 
 
 def require_all(findings: list[Finding]) -> None:

@@ -224,6 +224,7 @@ def evaluate(
     ] = None,
     chains: Annotated[int, typer.Option(help="Independent nested orders for --data-efficiency.")] = 1,
     fit_seconds: Annotated[float, typer.Option(help="Seconds for one call of fit.")] = 3600.0,
+    checks: Annotated[bool, typer.Option(help="Check the model on some pairs first.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run a model, shut off from the labels, on a split and score it. Run again with its --out, it goes on."""
@@ -243,6 +244,7 @@ def evaluate(
             data_efficiency=(
                 DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None
             ),
+            checks=checks,
             progress=progress,
         )
     if as_json:

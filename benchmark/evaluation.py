@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from eigenbench._version import DATA_VERSION, __version__
-from eigenbench.asking import Asked, Asker, Progress, ask
+from eigenbench.asking import CLOUDS, Asked, Asker, Prepare, Progress, ask
+from eigenbench.checking import quick_check
 from eigenbench.dataset import Dataset, load
 from eigenbench.errors import EigenbenchError, UsageError
-from eigenbench.frozen_subsets import few_shot_draw
-from eigenbench.hosting import HostOptions, split_model_name
+from eigenbench.frozen_subsets import Rows, few_shot_draw
+from eigenbench.hosting import HostedModel, HostOptions, split_model_name
 from eigenbench.intervals import SEED
 from eigenbench.journal import UNFINISHED, Journal
 from eigenbench.learning import (
@@ -37,6 +38,8 @@ from eigenbench.scoring import Truth, score_predictions
 from eigenbench.scratch_folders import owned
 
 BATCH_SIZE = 256
+CHECKED_PAIRS = 64
+"""Pairs of the first batch on which a model is checked before it is asked about all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,7 @@ class _Request:
     asker: Asker
     few_shot: FewShot | None
     data_efficiency: DataEfficiency | None
+    checks: bool
 
     def identity(self) -> dict[str, Any]:
         """Return everything that must be the same for an unfinished run to go on."""
@@ -98,6 +102,7 @@ def evaluate(
     options: HostOptions | None = None,
     few_shot: FewShot | None = None,
     data_efficiency: DataEfficiency | None = None,
+    checks: bool = True,
     progress: Progress | None = None,
 ) -> Evaluated:
     """Run `model.py[:name]` on a split folder and score it.
@@ -105,6 +110,7 @@ def evaluate(
     The model runs in its own process, sees clouds alone, in an order drawn anew for each run. Without `out` the run
     goes to `runs/<model>-<task>-<split>-<time>`. With `few_shot` a fresh model adapts to each of some frozen draws of
     a train split, with `data_efficiency` a fresh one is fitted on each of some nested subsets, and answers again.
+    With `checks` the model is checked first on some pairs (`checking.quick_check`); what it fails is in the result.
 
     If `out` holds an unfinished run of the same model, data and options, it goes on. A timeout and a memory limit may
     be changed in between. No result is written unless all succeeded.
@@ -126,7 +132,7 @@ def evaluate(
     hidden = (*options.hidden, dataset.folder, folder, *trains)
     asker = Asker(model, dataset, batch_size, replace(options, hidden=hidden), progress)
     digests = model_digests(path, options.checkpoint)
-    request = _Request(str(model), path, name, digests, asker, few_shot, data_efficiency)
+    request = _Request(str(model), path, name, digests, asker, few_shot, data_efficiency, checks)
     with _begun(folder, request.identity()) as journal:
         result = _completed(request, journal, folder)
     return Evaluated(folder, result)
@@ -137,7 +143,8 @@ def _completed(request: _Request, journal: Journal, folder: Path) -> dict[str, A
     asker = request.asker
     dataset = asker.dataset
     order = journal.order("predictions", len(dataset))
-    asked = ask(asker, journal.part("predictions"), order, "predicting", None, anew=False)
+    first = _checking(dataset, order[:CHECKED_PAIRS]) if request.checks else None
+    asked = ask(asker, journal.part("predictions"), order, "predicting", first, anew=False)
     started = time.perf_counter()
     truth = Truth.of(dataset)
     scores = score_predictions(asked.predictions, truth)
@@ -157,6 +164,14 @@ def _completed(request: _Request, journal: Journal, folder: Path) -> dict[str, A
     predictions = {name: p for part in learnt.values() for name, p in part.predictions.items()}
     write_run(folder, asked.predictions, dataset.column("pair_id"), result, predictions)
     return result
+
+
+def _checking(dataset: Dataset, rows: Rows) -> Prepare:
+    def check(hosted: HostedModel) -> dict[str, Any]:
+        clouds = dataset.read(rows, CLOUDS)
+        return {"checks": [asdict(f) for f in quick_check(hosted, *(clouds[name] for name in CLOUDS))]}
+
+    return check
 
 
 def _section(learnt: Learnt) -> dict[str, Any]:
@@ -188,6 +203,7 @@ def _provenance(request: _Request, journal: Journal, asked: Asked) -> dict[str, 
         "predictions_digest": predictions_digest(asked.predictions),
         "predictions": sorted(asked.predictions.arrays),
         "isolation": asked.isolation,
+        "checks": asked.prepared.get("checks"),
         "limits": {
             "timeout": options.timeout,
             "build_timeout": options.build_timeout,

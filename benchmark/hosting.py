@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench import bubblewrap
-from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups
+from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups, read_narrow
+from eigenbench.checkpoints import refuse_dangerous
 from eigenbench.errors import ModelError, UsageError
 from eigenbench.host_options import MAX_SECONDS, Budget, Capabilities, HostOptions
 from eigenbench.protocol import (
@@ -49,10 +50,19 @@ _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENB
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One checked batch: arrays by field, the AND groups if the model gives them, its seconds by its own word."""
+    """One checked batch.
+
+    Attributes
+    ----------
+    arrays : the answer's fields
+    groups : its AND groups, if it gives them
+    narrow : the fields that the model gave as narrower numbers than float32, with their type
+    seconds : how long the model took, by its process's own word
+    """
 
     arrays: Arrays
     groups: Groups | None
+    narrow: tuple[str, ...] = ()
     seconds: float = 0.0
 
 
@@ -81,6 +91,8 @@ class HostedModel:
 
     def __enter__(self) -> "HostedModel":
         """Start the process, lock it in, load and build the model."""
+        if self._options.checkpoint is not None:
+            refuse_dangerous(Path(self._options.checkpoint))
         self._holds = contextlib.ExitStack()
         self._folder = self._holds.enter_context(scratch_folder("model"))
         self._log = (self._folder / "log").open("w+b")
@@ -130,7 +142,7 @@ class HostedModel:
         except BadFrame as error:
             msg = f"Model {self.path.name} answered with {_printable(error)}."
             raise ModelError(msg) from error
-        return self._accept(arrays, header.get("groups"), len(env), _seconds(header.get("seconds")))
+        return self._accept(arrays, header, len(env))
 
     def adapt(self, env: NDArray[np.float32], obj: NDArray[np.float32], label: NDArray[np.bool_]) -> None:
         """Let the model learn from a few labelled pairs: clouds (n, M, 3), (n, N, 3) and labels (n,) bool.
@@ -305,10 +317,11 @@ class HostedModel:
         self._log.close()
         self._holds.close()
 
-    def _accept(self, arrays: Arrays, groups: Any, batch: int, seconds: float) -> Answer:
+    def _accept(self, arrays: Arrays, header: Header, batch: int) -> Answer:
         """Check one answer against the interface and against the answers before it."""
         try:
-            answer = Answer(arrays, read_groups(groups), seconds)
+            narrow, seconds = read_narrow(header.get("narrow")), _seconds(header.get("seconds"))
+            answer = Answer(arrays, read_groups(header.get("groups")), narrow, seconds)
             shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
         except BadAnswer as error:
             msg = f"Model {self.path.name} {_printable(error)}."

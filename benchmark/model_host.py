@@ -45,10 +45,10 @@ def _serve(channel: Channel, order: Header) -> None:
             clouds = unpack_arrays(header["arrays"], body)
             if phase == "predict":
                 started = time.perf_counter()
-                arrays, groups = _predict(model, clouds)
-                answer = {"kind": "answer", "groups": groups, "seconds": time.perf_counter() - started}
+                answer, arrays = _predict(model, clouds)
+                answer["seconds"] = time.perf_counter() - started
                 listed, payload = pack_arrays(arrays)
-                channel.send(answer | {"arrays": listed}, payload)
+                channel.send({"kind": "answer", "arrays": listed} | answer, payload)
             else:
                 _learn(model, header, clouds)
                 channel.send({"kind": "done"})
@@ -99,6 +99,10 @@ def _build(builder: Any, order: Header) -> Any:
     if not callable(getattr(model, "predict", None)):
         msg = f"{type(model).__name__} has no method predict(env, obj)"
         raise AttributeError(msg)
+    own = getattr(model, "tasks", None)
+    if own is not None and order["task"] not in own:
+        msg = f"it is for {', '.join(map(str, own))}, not for {order['task']}"
+        raise ValueError(msg)
     return model
 
 
@@ -131,33 +135,38 @@ def _own(model: Any, values: Any) -> Any:
     return torch.from_numpy(values)
 
 
-def _predict(model: Any, clouds: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+def _predict(model: Any, clouds: dict[str, Any]) -> tuple[Header, dict[str, Any]]:
     from eigenbench.records import Prediction
 
     env, obj = _own(model, clouds["env"]), _own(model, clouds["obj"])
     answer = Prediction.of(model.predict(env, obj))
     arrays = {}
+    narrow = []
     for name in ("probability", "env_lengths", "obj_lengths", "vectors", "planes"):
         value = getattr(answer, name)
         if value is not None:
-            arrays[name] = _as_floats(name, value)
+            arrays[name], was = _as_floats(name, value)
+            narrow += [f"{name} {was}"] if was not in ("float32", "float64") else []
     groups = None if answer.groups is None else [[int(s) for s in group] for group in answer.groups]
-    return arrays, groups
+    return {"groups": groups, "narrow": narrow}, arrays
 
 
-def _as_floats(name: str, value: Any) -> Any:
-    """Return a tensor, list or array as float32 or float64; narrower numbers are widened, none narrowed."""
+def _as_floats(name: str, value: Any) -> tuple[Any, str]:
+    """Return a tensor, list or array as float32 or float64, and what it was; narrower numbers are widened."""
     import numpy as np
 
+    was = ""
     if hasattr(value, "detach"):
         value = value.detach().cpu()
-        value = value.float() if str(value.dtype) == "torch.bfloat16" else value
+        if str(value.dtype) == "torch.bfloat16":
+            value, was = value.float(), "bfloat16"
         value = value.numpy()
     values = np.asarray(value)
     if values.dtype.kind not in "fiub":
         msg = f"{name} has type {values.dtype}; it must be numbers"
         raise TypeError(msg)
-    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64)
+    was = was or str(values.dtype)
+    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64), was
 
 
 if __name__ == "__main__":

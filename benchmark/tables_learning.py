@@ -16,7 +16,10 @@ _console = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 def print_learning(result: Mapping[str, Any]) -> None:
-    """Print what a result holds of models that learnt first; nothing where that was not asked for."""
+    """Print the checks that a model did not pass, and what a result holds of models that learnt first."""
+    for finding in result.get("checks") or ():
+        if finding["passed"] is False:
+            _console.print(printable(f"check not passed: {finding['name']}: {finding['seen']}"))
     few_shot, efficiency = result.get("few_shot"), result.get("data_efficiency")
     if few_shot is not None:
         _print_few_shot(few_shot)

@@ -199,7 +199,8 @@ def _answer(given: World, kind: str, name: str, level: str, options: dict[str, f
 
 def expected_to_win(kind: str, name: str, level: str) -> bool:
     """Say whether an attack is one that a level does not claim to stop."""
-    if (kind, name) in NEVER | ALWAYS_ENDED:
+    writable = os.access(Path(eigenbench.__file__).parent, os.W_OK)
+    if (kind, name) in NEVER | ALWAYS_ENDED or (name == "planted_bytecode" and not writable):
         return False
     if level == "none":
         return True

@@ -127,6 +127,17 @@ def test_digests_of_checkpoints(tmp_path):
         HostOptions(checkpoint=str(tmp_path / "nowhere"))
 
 
+def test_checks_are_in_the_result(test_split, tmp_path, capsys):
+    """What a model fails is in its result and printed, and does not stop the evaluation."""
+    path = model(tmp_path, "return {'probability': np.random.rand(len(env))}")
+    result = eigenbench.evaluate(path, test_split, tmp_path / "run").result
+    failed = [f["name"] for f in result["checks"] if f["passed"] is False]
+    assert any(name.startswith("repeatability") for name in failed)
+    print_learning(result)
+    assert "check not passed: repeatability" in capsys.readouterr().out
+    assert eigenbench.evaluate(path, test_split, tmp_path / "other", checks=False).result["checks"] is None
+
+
 @pytest.mark.parametrize("dtype", ["float16", "int64", "bool"])
 def test_narrow_numbers_are_scored_as_they_are(test_split, tmp_path, dtype):
     """float16, integers and booleans are widened to float64: what they mean does not change."""
@@ -146,7 +157,7 @@ def test_slots_that_change_between_batches(test_split, tmp_path):
     ):
         path = model(tmp_path, HONEST + body + "\n")
         with pytest.raises(eigenbench.errors.ModelError, match="changed its answer between batches"):
-            eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=130)
+            eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=130, checks=False)
         shutil.rmtree(tmp_path / "run", ignore_errors=True)
 
 

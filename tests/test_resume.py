@@ -52,7 +52,7 @@ def fails_once(tmp_path: Path, test_split: Path, **options) -> Path:
     with pytest.raises(
         ModelError, match=r"no luck.* Kept so far: 90 answers; the same command with --out .*run goes on"
     ):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, **options)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False, **options)
     (path.parent / "mended.txt").touch()
     return path
 
@@ -64,9 +64,9 @@ def same(one: dict, other: dict) -> bool:
 def test_after_a_crash_of_the_model(test_split, tmp_path):
     """The same command goes on, asks for the rest alone, and gives the result of an undisturbed run."""
     path = fails_once(tmp_path, test_split)
-    done = eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+    done = eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
     assert done.result["resumed"]
-    whole = eigenbench.evaluate(path, test_split, tmp_path / "whole", batch_size=30)
+    whole = eigenbench.evaluate(path, test_split, tmp_path / "whole", batch_size=30, checks=False)
     assert not whole.result["resumed"]
     assert same(done.result, whole.result)
     assert done.result["seeds"]["order"] != whole.result["seeds"]["order"]
@@ -78,9 +78,9 @@ def test_only_the_rest_is_asked_for(test_split, tmp_path, at_once):
     path = model(tmp_path, MEASURES.format(fault="if self.calls == 5: raise OSError('tired')"))
     for kept in (120, 240):
         with pytest.raises(ModelError, match=f"Kept so far: {kept} answers"):
-            eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+            eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
         assert len(list((tmp_path / "run" / UNFINISHED / "predictions").glob("answers-*.npz"))) == kept / 30
-    done = eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+    done = eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
     bounding = eigenbench.evaluate(EXAMPLES / "bounding_box.py", test_split, tmp_path / "box")
     assert done.result["scores"]["accuracy"] == bounding.result["scores"]["accuracy"]
 
@@ -90,7 +90,7 @@ def test_after_a_killed_harness(test_split, tmp_path, number):
     """Killed or interrupted in the middle: the model ends too, its folder goes with the next run, which goes on."""
     path = model(tmp_path, MEASURES.format(fault=SLOW))
     environment = os.environ | {"TMPDIR": str(tmp_path)}
-    options = ["--data", test_split, "--out", tmp_path / "run", "--batch-size", "30"]
+    options = ["--data", test_split, "--out", tmp_path / "run", "--batch-size", "30", "--no-checks"]
     line = [sys.executable, "-m", "eigenbench", "evaluate", path, *options]
     with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment) as process:
         until(lambda: list(tmp_path.glob("run/unfinished/predictions/answers-*.npz")))
@@ -146,19 +146,19 @@ def test_what_may_not_change_in_between(test_split, small, tmp_path):
         "data digest was": {"data": small / "tube" / "train"},
     }
     for message, change in changes.items():
-        asked = {"data": test_split, "batch_size": 30} | change
+        asked = {"data": test_split, "batch_size": 30, "checks": False} | change
         with pytest.raises(UsageError, match=rf"unfinished evaluation whose {message}.*choose another --out"):
             eigenbench.evaluate(path, out=run, **asked)
     path.write_text(text + "\n")
     with pytest.raises(UsageError, match=r"whose model digest was \w{12}, now it is \w{12}\. Restore it to go on"):
-        eigenbench.evaluate(path, test_split, run, batch_size=30)
+        eigenbench.evaluate(path, test_split, run, batch_size=30, checks=False)
     path.write_text(text)
     (path.parent / "part.py").write_text("x = 1\n")
     with pytest.raises(UsageError, match="whose model files was 1, now it is 2|whose model folder digest was"):
-        eigenbench.evaluate(path, test_split, run, batch_size=30)
+        eigenbench.evaluate(path, test_split, run, batch_size=30, checks=False)
     (path.parent / "part.py").unlink()
     patient = HostOptions(timeout=50.0, memory_gib=3.0)
-    assert eigenbench.evaluate(path, test_split, run, batch_size=30, options=patient).result["resumed"]
+    assert eigenbench.evaluate(path, test_split, run, batch_size=30, checks=False, options=patient).result["resumed"]
 
 
 def test_damaged_and_foreign_answers(test_split, tmp_path, at_once):
@@ -169,13 +169,13 @@ def test_damaged_and_foreign_answers(test_split, tmp_path, at_once):
     whole = blocks[1].read_bytes()
     blocks[1].write_bytes(whole[:200])
     with pytest.raises(DataError, match=r"answers-00001.npz is damaged"):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
     blocks[1].write_bytes(blocks[0].read_bytes())
     with pytest.raises(DataError, match="are not for the pairs that were asked for"):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
     (tmp_path / "run" / UNFINISHED / "request.json").write_text("[]")
     with pytest.raises(DataError, match=r"request.json is damaged"):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
 
 
 def test_another_answer_after_going_on(test_split, tmp_path):
@@ -183,10 +183,10 @@ def test_another_answer_after_going_on(test_split, tmp_path):
     fault = "if (HERE / 'mended.txt').exists(): return {'probability': np.full(len(env), 0.5)}"
     path = model(tmp_path, MEASURES.format(fault=FAILS + "\n        " + fault))
     with pytest.raises(ModelError, match="no luck"):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
     (path.parent / "mended.txt").touch()
     with pytest.raises(ModelError, match="changed its answer between batches"):
-        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30)
+        eigenbench.evaluate(path, test_split, tmp_path / "run", batch_size=30, checks=False)
 
 
 def test_draws_go_on_one_by_one(tmp_path_factory, tmp_path):
@@ -198,7 +198,7 @@ def test_draws_go_on_one_by_one(tmp_path_factory, tmp_path):
     fault = "log = (HERE / 'log.txt').read_text() if (HERE / 'log.txt').exists() else ''\n        "
     fault += "if log.count('adapt') == 3 and self.calls == 2: raise OSError('no luck')"
     path = model(tmp_path, MEASURES.format(fault=fault))
-    asked = {"few_shot": FewShot(train, 4), "batch_size": 30, "options": HostOptions(isolation="none")}
+    asked = {"few_shot": FewShot(train, 4), "batch_size": 30, "checks": False, "options": HostOptions(isolation="none")}
     with pytest.raises(ModelError, match="Kept so far: 210 answers"):
         eigenbench.evaluate(path, test, tmp_path / "run", **asked)
     done = eigenbench.evaluate(path, test, tmp_path / "run", **asked)
