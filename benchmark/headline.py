@@ -1,6 +1,6 @@
 """The few numbers by which models are compared, each as a statistic of pair weights, and means over repeats."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -76,7 +76,7 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
 
 
 def replicated(
-    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterator[Floats]
+    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterable[Floats]
 ) -> tuple[list[dict[str, float]], list[dict[str, Floats]]]:
     """Return each set's values, and each set's replicates (R,), under the same weights for all sets."""
     plain = np.ones((1, pairs))
