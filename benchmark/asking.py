@@ -115,7 +115,7 @@ def _ask_rest(
     try:
         while ahead.rows is not None:
             rows, clouds = ahead.rows, ahead.clouds
-            pending.add(rows, hosted.predict(*(clouds[name] for name in CLOUDS), meanwhile=ahead.read))
+            pending.add(rows, hosted.predict(clouds["env_points"], clouds["obj_points"], ahead.read))
             done += len(rows)
             if asker.progress:
                 asker.progress(title, done, pairs)

@@ -24,7 +24,8 @@ from eigenbench.frozen_subsets import (
     nested_subset,
 )
 from eigenbench.headline import headline_statistics, interval_of, mean_over_repeats, replicated
-from eigenbench.hosting import MAX_SECONDS, Budget, HostedModel
+from eigenbench.host_options import MAX_SECONDS, Budget
+from eigenbench.hosting import HostedModel
 from eigenbench.intervals import Floats
 from eigenbench.journal import Journal
 from eigenbench.provenance import data_identity
@@ -178,7 +179,7 @@ def _adapting(train: Dataset, rows: Rows) -> Prepare:
     def adapt(hosted: HostedModel) -> dict[str, Any]:
         batch = train.read(rows, ("pair_id", *CLOUDS, "label"))
         started = time.perf_counter()
-        hosted.adapt(*(batch[name] for name in CLOUDS), batch["label"])
+        hosted.adapt(batch["env_points"], batch["obj_points"], batch["label"])
         return _prepared(batch["pair_id"], batch["label"], time.perf_counter() - started)
 
     return adapt

@@ -130,7 +130,7 @@ def pack_arrays(arrays: "Arrays") -> tuple[list[list[Any]], Body]:
     for name, values in arrays.items():
         listed.append([name, str(values.dtype), list(values.shape)])
         if values.size:
-            parts.append(memoryview(np.ascontiguousarray(values)).cast("B"))
+            parts.append(np.ascontiguousarray(values).data.cast("B"))
     return listed, parts
 
 

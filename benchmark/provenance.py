@@ -60,7 +60,8 @@ def _own_files(model: Path) -> tuple[list[Path], int]:
     """Return the files that belong to a model, the nearest first, and how many were beyond the limits."""
     named = [p for p in model.parent.iterdir() if p.stem == model.stem and p.suffix in _WEIGHTS and _is_plain(p)]
     python = sorted(_python_files(model.parent), key=lambda p: (len(p.parts), p.as_posix()))
-    taken, size = [], 0
+    taken: list[Path] = []
+    size = 0
     for path in python:
         size += path.stat().st_size
         if len(taken) < MAX_FILES and size <= MAX_BYTES:
