@@ -2,7 +2,7 @@
 
 `benchmark/` in the source tree is this package, `eigenbench`; `generators/`, `baselines/` and
 `leaderboard/` beside it are its sub-packages. Read in the order of the data:
-tasks -> shard_format -> shards -> dataset -> hosting -> scoring -> tables, then cli.
+tasks -> shard_format -> shards -> dataset -> hosting -> asking -> scoring -> evaluation -> tables, then cli.
 
 Importing it loads nothing heavy; each public name is fetched when it is first used.
 """
@@ -15,6 +15,7 @@ from eigenbench._version import DATA_VERSION, __version__
 if TYPE_CHECKING:
     from eigenbench.checking import check
     from eigenbench.checkpoints import load_checkpoint
+    from eigenbench.comparison import compare
     from eigenbench.dataset import load
     from eigenbench.evaluation import evaluate
     from eigenbench.records import Prediction
@@ -26,6 +27,7 @@ _PUBLIC = {
     "TASKS": "eigenbench.tasks",
     "Prediction": "eigenbench.records",
     "check": "eigenbench.checking",
+    "compare": "eigenbench.comparison",
     "evaluate": "eigenbench.evaluation",
     "generate": "eigenbench.generators.generation",
     "load": "eigenbench.dataset",
@@ -40,6 +42,7 @@ __all__ = [
     "Prediction",
     "__version__",
     "check",
+    "compare",
     "evaluate",
     "generate",
     "load",

@@ -18,7 +18,7 @@ import typer
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.console import SOURCES, Json, Workers, progress_on
-from eigenbench.errors import DataError, EigenbenchError, printable
+from eigenbench.errors import DataError, EigenbenchError, UsageError, printable
 
 app = typer.Typer(
     name="eigenbench",
@@ -39,6 +39,12 @@ BuildTimeout = Annotated[float, typer.Option(help="Seconds for import and build.
 Memory = Annotated[float, typer.Option(help="Memory of all the model's processes, GiB.")]
 Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
 Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
+FewShotOption = Annotated[
+    Path | None, typer.Option("--few-shot", help="Train split of the same task: the model adapts to draws of it.")
+]
+DataEfficiencyOption = Annotated[
+    Path | None, typer.Option("--data-efficiency", help="Train split of the same task: the model fits subsets of it.")
+]
 Isolation = Annotated[str, typer.Option(help="auto, none, rlimits, landlock or bubblewrap.")]
 
 
@@ -57,7 +63,7 @@ def main() -> None:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
         print(
-            "error: interrupted. Finished shards are kept: the same `generate` goes on. An evaluation starts anew.",
+            "error: interrupted. Finished shards are kept: the same `generate` goes on. So does `evaluate` with --out.",
             file=sys.stderr,
         )
     sys.exit(code)
@@ -214,20 +220,51 @@ def evaluate(
     device: Device = "cpu",
     checkpoint: Checkpoint = None,
     isolation: Isolation = "auto",
+    few_shot: FewShotOption = None,
+    draws: Annotated[int, typer.Option(help="Frozen draws of 320 pairs for --few-shot.")] = 10,
+    data_efficiency: DataEfficiencyOption = None,
+    sizes: Annotated[
+        str | None, typer.Option(help="Subset sizes with commas between; default 300, 1000, 3000, ... and all.")
+    ] = None,
+    chains: Annotated[int, typer.Option(help="Independent nested orders for --data-efficiency.")] = 1,
+    fit_seconds: Annotated[float, typer.Option(help="Seconds for one call of fit.")] = 3600.0,
+    checks: Annotated[bool, typer.Option(help="Check the model on some pairs first.")] = True,
     as_json: Json = False,
 ) -> None:
-    """Run a model, shut off from the labels, on a split and score it."""
+    """Run a model, shut off from the labels, on a split and score it. Run again with its --out, it goes on."""
     from eigenbench.evaluation import evaluate as run
+    from eigenbench.learning import DataEfficiency, FewShot
     from eigenbench.tables import print_result
+    from eigenbench.tables_learning import print_learning
 
-    options = _options(timeout, build_timeout, memory, device, checkpoint, isolation)
     with progress_on(as_json) as progress:
-        done = run(model, data, out, batch_size=batch_size, options=options, progress=progress)
+        done = run(
+            model,
+            data,
+            out,
+            batch_size=batch_size,
+            options=_options(timeout, build_timeout, memory, device, checkpoint, isolation),
+            few_shot=FewShot(few_shot, draws) if few_shot else None,
+            data_efficiency=(
+                DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None
+            ),
+            checks=checks,
+            progress=progress,
+        )
     if as_json:
         print(json.dumps({"run": str(done.folder), **done.result}))
         return
     print_result(done.result)
+    print_learning(done.result)
     print(f"run: {done.folder}")
+
+
+def _sizes(text: str | None) -> tuple[int, ...]:
+    try:
+        return tuple(int(size) for size in text.split(",")) if text else ()
+    except ValueError as error:
+        msg = f"Sizes are '{text}'; they must be whole numbers with commas between, such as 300,1000,3000."
+        raise UsageError(msg) from error
 
 
 def _options(
@@ -259,6 +296,25 @@ def score(
     if as_json:
         return
     print("equal to the stored result, to the last digit")
+
+
+@app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(help="Two or more run folders of `eigenbench evaluate`.")],
+    data: Annotated[
+        Path | None, typer.Option(help="The split they were evaluated on; default data/<task>/<split>.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare runs on the same pairs: differences with intervals, Holm-corrected p values, ranks with ties."""
+    from eigenbench.comparison import compare as compare_runs
+    from eigenbench.tables_learning import print_comparison
+
+    found = compare_runs(runs, data)
+    if as_json:
+        print(json.dumps(found))
+        return
+    print_comparison(found)
 
 
 @app.command()

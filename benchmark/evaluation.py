@@ -1,30 +1,45 @@
-"""Evaluate a submitted model: its answers for every pair in a secret order, then the scores."""
+"""Evaluate a submitted model: its answers for every pair in a secret order, then the scores.
 
-import hashlib
+What is answered is kept in the run folder as it comes (`journal`), so that the same command goes on after an
+interruption, a crash or a failing model, and ends with the same predictions and scores.
+"""
+
 import os
 import platform
-import secrets
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from eigenbench._version import DATA_VERSION, __version__
+from eigenbench.asking import CLOUDS, Asked, Asker, Prepare, Progress, ask
+from eigenbench.checking import quick_check
 from eigenbench.dataset import Dataset, load
-from eigenbench.errors import UsageError
-from eigenbench.hosting import Capabilities, HostedModel, HostOptions, split_model_name
-from eigenbench.records import Arrays, Groups
-from eigenbench.results import RESULT, RESULT_VERSION, Predictions, predictions_digest, write_run
+from eigenbench.errors import EigenbenchError, UsageError
+from eigenbench.frozen_subsets import Rows, few_shot_draw
+from eigenbench.hosting import HostedModel, HostOptions, split_model_name
+from eigenbench.intervals import SEED
+from eigenbench.journal import UNFINISHED, Journal
+from eigenbench.learning import (
+    DataEfficiency,
+    FewShot,
+    Learnt,
+    chosen_sizes,
+    load_train,
+    run_data_efficiency,
+    run_few_shot,
+)
+from eigenbench.provenance import ModelDigests, data_identity, hardware, model_digests
+from eigenbench.results import RESULT, RESULT_VERSION, predictions_digest, write_run
 from eigenbench.scoring import Truth, score_predictions
+from eigenbench.scratch_folders import owned
 
 BATCH_SIZE = 256
-
-Progress = Callable[[str, int, int], None]
+CHECKED_PAIRS = 64
+"""Pairs of the first batch on which a model is checked before it is asked about all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +51,46 @@ class Evaluated:
 
 
 @dataclass(frozen=True, slots=True)
-class _Answers:
-    """All of a model's answers, in the data's order, and how long they took."""
+class _Request:
+    """What was asked for, once its files are found and digested."""
 
-    predictions: Predictions
-    isolation: dict[str, Any]
-    capabilities: Capabilities
-    model_seconds: float
+    model: str
+    path: Path
+    name: str
+    digests: ModelDigests
+    asker: Asker
+    few_shot: FewShot | None
+    data_efficiency: DataEfficiency | None
+    checks: bool
+
+    def identity(self) -> dict[str, Any]:
+        """Return everything that must be the same for an unfinished run to go on."""
+        options = self.asker.options
+        few_shot, efficiency = self.few_shot, self.data_efficiency
+        found: dict[str, Any] = {
+            "result_version": RESULT_VERSION,
+            "eigenbench_version": __version__,
+            "model_file": self.path.name,
+            "builder_name": self.name,
+            **{f"model_{k}": v for k, v in asdict(self.digests).items()},
+            "data_digest": self.asker.dataset.manifest.digest,
+            "batch_size": self.asker.batch_size,
+            "device": options.device,
+            "isolation": options.isolation,
+        }
+        if few_shot is not None:
+            train = load_train(few_shot.train, self.asker.dataset)
+            few_shot_draw(train.task.name, 0, train.column("pair_id"))  # refuses a split too small for a draw
+            found |= {"few_shot_data_digest": train.manifest.digest, "few_shot_draws": few_shot.draws}
+        if efficiency is not None:
+            train = load_train(efficiency.train, self.asker.dataset)
+            found |= {
+                "efficiency_data_digest": train.manifest.digest,
+                "efficiency_sizes": list(chosen_sizes(efficiency, train)),
+                "efficiency_chains": efficiency.chains,
+                "efficiency_seconds": efficiency.seconds,
+            }
+        return found
 
 
 def evaluate(
@@ -52,18 +100,26 @@ def evaluate(
     *,
     batch_size: int = BATCH_SIZE,
     options: HostOptions | None = None,
+    few_shot: FewShot | None = None,
+    data_efficiency: DataEfficiency | None = None,
+    checks: bool = True,
     progress: Progress | None = None,
 ) -> Evaluated:
     """Run `model.py[:name]` on a split folder and score it.
 
-    The model runs in its own process, sees clouds alone, in an order drawn anew for each run. Without
-    `out` the run goes to `runs/<model>-<task>-<split>-<time>`. Nothing is written unless all succeeded.
+    The model runs in its own process, sees clouds alone, in an order drawn anew for each run. Without `out` the run
+    goes to `runs/<model>-<task>-<split>-<time>`. With `few_shot` a fresh model adapts to each of some frozen draws of
+    a train split, with `data_efficiency` a fresh one is fitted on each of some nested subsets, and answers again.
+    With `checks` the model is checked first on some pairs (`checking.quick_check`); what it fails is in the result.
+
+    If `out` holds an unfinished run of the same model, data and options, it goes on. A timeout and a memory limit may
+    be changed in between. No result is written unless all succeeded.
 
     Raises
     ------
     ModelError : the model cannot be loaded, fails, hangs or answers wrongly
-    DataError : the data cannot be read
-    UsageError : an option is out of range, or `out` holds a run already
+    DataError : the data cannot be read, or what a model shall learn from is not fit for it
+    UsageError : an option is out of range, or `out` holds a whole run, or an unfinished one of something else
     """
     if batch_size < 1:
         msg = f"Batch size is {batch_size}; it must be at least 1."
@@ -72,28 +128,93 @@ def evaluate(
     dataset = load(data)
     folder = _run_folder(out, path, dataset)
     options = options or HostOptions()
-    digests = {"digest": _file_digest(path), "checkpoint_digest": _file_digest(options.checkpoint)}
-    hidden = (*options.hidden, dataset.folder, folder)
-    with _made(folder):
-        started = time.perf_counter()
-        answers = _ask(model, dataset, batch_size, replace(options, hidden=hidden), progress)
-        asked = time.perf_counter() - started
-        scores = score_predictions(answers.predictions, Truth.of(dataset))
-        seconds = {
-            "model": round(answers.model_seconds, 3),
-            "harness": round(asked - answers.model_seconds, 3),
-            "scoring": round(time.perf_counter() - started - asked, 3),
-        }
-        own = {"file": path.name, "name": name, **digests, "device": options.device}
-        result = {
-            "model": own | asdict(answers.capabilities),
-            **_provenance(dataset, answers),
-            "seconds": seconds,
-            "batch_size": batch_size,
-            "scores": scores,
-        }
-        write_run(folder, answers.predictions, dataset.column("pair_id"), result)
+    trains = [load(e.train).folder for e in (few_shot, data_efficiency) if e is not None]
+    hidden = (*options.hidden, dataset.folder, folder, *trains)
+    asker = Asker(model, dataset, batch_size, replace(options, hidden=hidden), progress)
+    digests = model_digests(path, options.checkpoint)
+    request = _Request(str(model), path, name, digests, asker, few_shot, data_efficiency, checks)
+    with _begun(folder, request.identity()) as journal:
+        result = _completed(request, journal, folder)
     return Evaluated(folder, result)
+
+
+def _completed(request: _Request, journal: Journal, folder: Path) -> dict[str, Any]:
+    """Ask for all that is missing, score it, write the run and return its result."""
+    asker = request.asker
+    dataset = asker.dataset
+    order = journal.order("predictions", len(dataset))
+    first = _checking(dataset, order[:CHECKED_PAIRS]) if request.checks else None
+    asked = ask(asker, journal.part("predictions"), order, "predicting", first, anew=False)
+    started = time.perf_counter()
+    truth = Truth.of(dataset)
+    scores = score_predictions(asked.predictions, truth)
+    scoring = time.perf_counter() - started
+    can = asked.capabilities["can"]
+    learnt: dict[str, Learnt] = {}
+    if request.few_shot is not None:
+        learnt["few_shot"] = run_few_shot(asker, journal, request.few_shot, can, truth)
+    if request.data_efficiency is not None:
+        learnt["data_efficiency"] = run_data_efficiency(asker, journal, request.data_efficiency, can, truth)
+    result = {
+        **_provenance(request, journal, asked),
+        "seconds": _seconds(asked.model_seconds, asked.harness_seconds) | {"scoring": round(scoring, 3)},
+        "scores": scores,
+        **{name: _section(part) for name, part in learnt.items()},
+    }
+    predictions = {name: p for part in learnt.values() for name, p in part.predictions.items()}
+    write_run(folder, asked.predictions, dataset.column("pair_id"), result, predictions)
+    return result
+
+
+def _checking(dataset: Dataset, rows: Rows) -> Prepare:
+    def check(hosted: HostedModel) -> dict[str, Any]:
+        clouds = dataset.read(rows, CLOUDS)
+        return {"checks": [asdict(f) for f in quick_check(hosted, *(clouds[name] for name in CLOUDS))]}
+
+    return check
+
+
+def _section(learnt: Learnt) -> dict[str, Any]:
+    digests = {name: predictions_digest(p) for name, p in learnt.predictions.items()}
+    seconds = _seconds(learnt.model_seconds, learnt.harness_seconds)
+    return learnt.section | {"seconds": seconds, "predictions_digests": digests}
+
+
+def _seconds(model: float, harness: float) -> dict[str, float]:
+    return {"model": round(model, 3), "harness": round(harness, 3)}
+
+
+def _provenance(request: _Request, journal: Journal, asked: Asked) -> dict[str, Any]:
+    """Return on what, where and how a model was evaluated."""
+    digests, options = request.digests, request.asker.options
+    return {
+        "model": {
+            "file": request.path.name,
+            "name": request.name,
+            **asdict(digests),
+            "device": options.device,
+            **asked.capabilities,
+        },
+        "result_version": RESULT_VERSION,
+        "eigenbench": __version__,
+        "data_version": DATA_VERSION,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "data": data_identity(request.asker.dataset.manifest),
+        "predictions_digest": predictions_digest(asked.predictions),
+        "predictions": sorted(asked.predictions.arrays),
+        "isolation": asked.isolation,
+        "checks": asked.prepared.get("checks"),
+        "limits": {
+            "timeout": options.timeout,
+            "build_timeout": options.build_timeout,
+            "memory_gib": options.memory_gib,
+        },
+        "hardware": hardware(options.device),
+        "python": platform.python_version(),
+        "seeds": {"order": journal.seed, "bootstrap": SEED},
+        "resumed": journal.resumed,
+        "batch_size": request.asker.batch_size,
+    }
 
 
 def _run_folder(out: str | Path | None, model: Path, dataset: Dataset) -> Path:
@@ -111,76 +232,34 @@ def _run_folder(out: str | Path | None, model: Path, dataset: Dataset) -> Path:
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make a folder before the work, so that it cannot fail after it; take it away again if the work fails."""
+def _begun(folder: Path, identity: dict[str, Any]) -> Iterator[Journal]:
+    """Open or begin a run's journal; in the end it goes, unless answers are in it and the run is not whole.
+
+    The folder is made before the work, so that this cannot fail after it. Errors say what is kept and how to go on.
+    """
     try:
         new = [p for p in (folder, *folder.parents) if not p.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
+        (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         msg = f"Run folder {str(folder)[:200]} cannot be made: {error.strerror}. Choose another --out."
         raise UsageError(msg) from error
-    try:
-        yield
-    except BaseException:
-        for path in new:
-            with suppress(OSError):
-                path.rmdir()
-        raise
+    with owned(folder / UNFINISHED):
+        journal = Journal(folder, identity)
+        try:
+            yield journal
+        except BaseException as error:
+            kept = journal.pairs_kept()
+            if not kept:
+                journal.remove()
+                _remove_empty(new)
+            elif isinstance(error, EigenbenchError):
+                told = f"{error} Kept so far: {kept:,} answers; the same command with --out {folder} goes on."
+                raise type(error)(told, error.detail) from error
+            raise
+        journal.remove()
 
 
-def _ask(
-    model: str | Path, dataset: Dataset, batch_size: int, options: HostOptions, progress: Progress | None
-) -> _Answers:
-    """Get the model's answers for every pair, in a secret order, and put them back into the data's."""
-    order = np.random.default_rng(secrets.randbits(128)).permutation(len(dataset))
-    arrays: Arrays = {}
-    groups: Groups | None = None
-    spent = 0.0
-    with HostedModel(model, dataset.task, options) as hosted:
-        for start in range(0, len(order), batch_size):
-            rows = order[start : start + batch_size]
-            clouds = dataset.read(rows, ("env_points", "obj_points"))
-            before = time.perf_counter()
-            answer = hosted.predict(clouds["env_points"], clouds["obj_points"])
-            spent += time.perf_counter() - before
-            groups = answer.groups
-            for name, values in answer.arrays.items():
-                if name not in arrays:
-                    arrays[name] = np.zeros((len(order), *values.shape[1:]), values.dtype)
-                arrays[name][rows] = values
-            if progress:
-                progress("predicting", start + len(rows), len(order))
-        return _Answers(Predictions(arrays, groups), hosted.isolation, hosted.capabilities, spent)
-
-
-def _provenance(dataset: Dataset, answers: _Answers) -> dict[str, Any]:
-    """Return on what, where and how a model was evaluated."""
-    manifest = dataset.manifest
-    return {
-        "result_version": RESULT_VERSION,
-        "eigenbench": __version__,
-        "data_version": DATA_VERSION,
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "data": {
-            "task": manifest.recipe.task,
-            "split": manifest.recipe.split,
-            "pairs": manifest.recipe.pairs,
-            "seed": manifest.recipe.seed,
-            "protocol": manifest.recipe.protocol,
-            "shapes": manifest.recipe.shapes,
-            "digest": manifest.digest,
-            "positive_rate": manifest.positive_rate,
-        },
-        "predictions_digest": predictions_digest(answers.predictions),
-        "predictions": sorted(answers.predictions.arrays),
-        "isolation": {k: v for k, v in answers.isolation.items() if k != "kind"},
-        "hardware": {"machine": platform.machine(), "system": platform.system(), "cores": os.cpu_count()},
-        "python": platform.python_version(),
-    }
-
-
-def _file_digest(path: str | Path | None) -> str | None:
-    """Return the sha256 of a file; None for no file, or a folder of weights."""
-    if path is None or Path(path).is_dir():
-        return None
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+def _remove_empty(folders: list[Path]) -> None:
+    for path in folders:
+        with suppress(OSError):
+            path.rmdir()

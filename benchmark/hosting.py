@@ -9,7 +9,7 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -22,7 +22,7 @@ from eigenbench import bubblewrap
 from eigenbench.answers import BadAnswer, check_answer, largest_body, read_groups, read_narrow
 from eigenbench.checkpoints import refuse_dangerous
 from eigenbench.errors import ModelError, UsageError
-from eigenbench.host_options import Budget, Capabilities, HostOptions
+from eigenbench.host_options import MAX_SECONDS, Budget, Capabilities, HostOptions
 from eigenbench.protocol import (
     BadFrame,
     Channel,
@@ -34,6 +34,7 @@ from eigenbench.protocol import (
 )
 from eigenbench.records import Arrays, Groups
 from eigenbench.sandbox import LEVELS, gpu_devices, readable_paths, system_folders
+from eigenbench.scratch_folders import scratch_folder
 from eigenbench.tasks import TaskSpec
 from eigenbench.watchdog import Watchdog, end_tree, watchable
 
@@ -49,14 +50,20 @@ _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENB
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One checked batch: arrays by field, and the AND groups if the model gives them.
+    """One checked batch.
 
-    `narrow` names the fields that the model gave as narrower numbers than float32, with their type.
+    Attributes
+    ----------
+    arrays : the answer's fields
+    groups : its AND groups, if it gives them
+    narrow : the fields that the model gave as narrower numbers than float32, with their type
+    seconds : how long the model took, by its process's own word
     """
 
     arrays: Arrays
     groups: Groups | None
     narrow: tuple[str, ...] = ()
+    seconds: float = 0.0
 
 
 def split_model_name(model: str | Path) -> tuple[Path, str]:
@@ -86,7 +93,8 @@ class HostedModel:
         """Start the process, lock it in, load and build the model."""
         if self._options.checkpoint is not None:
             refuse_dangerous(Path(self._options.checkpoint))
-        self._folder = Path(tempfile.mkdtemp(prefix="eigenbench-model-"))
+        self._holds = contextlib.ExitStack()
+        self._folder = self._holds.enter_context(scratch_folder("model"))
         self._log = (self._folder / "log").open("w+b")
         scratch = self._folder / "scratch"
         scratch.mkdir()
@@ -119,9 +127,15 @@ class HostedModel:
         """End the process and remove its files."""
         self._stop()
 
-    def predict(self, env: NDArray[np.float32], obj: NDArray[np.float32]) -> Answer:
-        """Return the checked answer for clouds (B, M, 3) and (B, N, 3); ModelError says what is wrong."""
+    def predict(
+        self, env: NDArray[np.float32], obj: NDArray[np.float32], meanwhile: Callable[[], None] = lambda: None
+    ) -> Answer:
+        """Return the checked answer for clouds (B, M, 3) and (B, N, 3); ModelError says what is wrong.
+
+        `meanwhile` is called while the model works.
+        """
         self._send("predict", self._options.timeout, {"env": env, "obj": obj})
+        meanwhile()
         header, payload = self._receive("predict", "answer", self._options.timeout, largest_body(len(env)))
         try:
             arrays = unpack_arrays(header.get("arrays"), payload)
@@ -301,13 +315,13 @@ class HostedModel:
         if hasattr(self, "_channel"):
             self._channel.close()
         self._log.close()
-        # A tree too deep for shutil's recursion is left to rm, which walks it without.
-        subprocess.run(["rm", "-rf", "--", self._folder], check=False, stderr=subprocess.DEVNULL)
+        self._holds.close()
 
     def _accept(self, arrays: Arrays, header: Header, batch: int) -> Answer:
         """Check one answer against the interface and against the answers before it."""
         try:
-            answer = Answer(arrays, read_groups(header.get("groups")), read_narrow(header.get("narrow")))
+            narrow, seconds = read_narrow(header.get("narrow")), _seconds(header.get("seconds"))
+            answer = Answer(arrays, read_groups(header.get("groups")), narrow, seconds)
             shape = (frozenset(arrays), check_answer(arrays, answer.groups, batch), answer.groups)
         except BadAnswer as error:
             msg = f"Model {self.path.name} {_printable(error)}."
@@ -318,6 +332,11 @@ class HostedModel:
             raise ModelError(msg)
         self._first = shape
         return answer
+
+
+def _seconds(told: Any) -> float:
+    """Return a model's own word on how long it took, 0 where it is none."""
+    return float(told) if isinstance(told, int | float) and 0 <= told <= MAX_SECONDS else 0.0
 
 
 def _printable(text: Any, limit: int = 500) -> str:

@@ -7,6 +7,7 @@ clouds and the task's name: no order, no seed, and no label but those of `adapt`
 import importlib.util
 import os
 import sys
+import time
 import traceback
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,9 @@ def _serve(channel: Channel, order: Header) -> None:
             phase = header["kind"]
             clouds = unpack_arrays(header["arrays"], body)
             if phase == "predict":
+                started = time.perf_counter()
                 answer, arrays = _predict(model, clouds)
+                answer["seconds"] = time.perf_counter() - started
                 listed, payload = pack_arrays(arrays)
                 channel.send({"kind": "answer", "arrays": listed} | answer, payload)
             else:
@@ -124,13 +127,12 @@ def _learn(model: Any, header: Header, clouds: dict[str, Any]) -> None:
 
 
 def _own(model: Any, values: Any) -> Any:
-    """Return a writable copy in the kind of array that the model asks for."""
-    copy = values.copy()
+    """Return an array as the kind that the model asks for; a frame is its own memory, so the model may change it."""
     if getattr(model, "arrays", "numpy") != "torch":
-        return copy
+        return values
     import torch
 
-    return torch.from_numpy(copy)
+    return torch.from_numpy(values)
 
 
 def _predict(model: Any, clouds: dict[str, Any]) -> tuple[Header, dict[str, Any]]:

@@ -1,8 +1,12 @@
-"""A run folder: `predictions.npz` and `result.json`, written whole and read back with care."""
+"""A run folder: `predictions.npz` and `result.json`, written whole and read back with care.
+
+Beside them, of models that learn first: `few-shot-<draw>.npz` and `subset-<pairs>-<chain>.npz`, of the same form.
+"""
 
 import hashlib
 import json
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +16,13 @@ from numpy.typing import NDArray
 
 from eigenbench.answers import BadAnswer, check_answer, read_groups
 from eigenbench.dataset import Dataset
-from eigenbench.errors import DataError
+from eigenbench.errors import DataError, GenerationError
 from eigenbench.records import Arrays, Groups
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
 
 RESULT, PREDICTIONS = "result.json", "predictions.npz"
-RESULT_VERSION = 1
+RESULT_VERSION = 2
+"""1: scores, isolation, digest of the model file. 2: also digest of its folder, limits, seeds, processor, memory."""
 
 _UNREADABLE = (
     OSError,
@@ -53,16 +58,35 @@ class Run:
     result: dict[str, Any]
 
 
-def write_run(folder: Path, predictions: Predictions, pair_id: NDArray[np.uint64], result: dict[str, Any]) -> None:
-    """Write both files, the result last, so that a folder with a result is whole."""
+def write_run(
+    folder: Path,
+    predictions: Predictions,
+    pair_id: NDArray[np.uint64],
+    result: dict[str, Any],
+    learnt: Mapping[str, Predictions] | None = None,
+) -> None:
+    """Write the predictions, those of models that learnt first by name, and the result last.
+
+    So a folder with a result is whole. GenerationError if the disk is full.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / PREDICTIONS
-    temporary = temporary_beside(path)
-    with temporary.open("wb") as handle:
-        groups = np.array(json.dumps(predictions.groups))
-        np.savez(handle, allow_pickle=False, **{"groups": groups, "pair_id": pair_id, **predictions.arrays})
-    publish(temporary, path)
+    for name, others in (learnt or {}).items():
+        _write_predictions(folder / f"{name}.npz", others, pair_id)
+    _write_predictions(folder / PREDICTIONS, predictions, pair_id)
     write_text_atomically(folder / RESULT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+
+
+def _write_predictions(path: Path, predictions: Predictions, pair_id: NDArray[np.uint64]) -> None:
+    temporary = temporary_beside(path)
+    groups = np.array(json.dumps(predictions.groups))
+    try:
+        with temporary.open("wb") as handle:
+            np.savez(handle, allow_pickle=False, **{"groups": groups, "pair_id": pair_id, **predictions.arrays})
+        publish(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        msg = f"Predictions cannot be written to {path}: {error.strerror}. Mend it and run the same command again."
+        raise GenerationError(msg) from error
 
 
 def predictions_digest(predictions: Predictions) -> str:
@@ -74,35 +98,66 @@ def predictions_digest(predictions: Predictions) -> str:
     return digest.hexdigest()
 
 
+def load_run(folder: Path) -> Run:
+    """Read a run of this version or an older one, without its data; DataError says what is wrong with it.
+
+    The predictions are checked against the digest in the result, and against the interface.
+    """
+    result = _read_result(folder)
+    predictions, _ = _read_predictions(folder / PREDICTIONS, result.get("predictions_digest"))
+    return Run(predictions, result)
+
+
 def read_run(folder: Path, dataset: Dataset) -> Run:
     """Read a run and check that it belongs to `dataset`; DataError says what does not match."""
+    result = _read_result(folder)
+    predictions, pair_id = _read_predictions(folder / PREDICTIONS, result.get("predictions_digest"))
+    if not np.array_equal(pair_id, dataset.column("pair_id")):
+        msg = f"The predictions in {folder} were not made for {dataset.folder}: their pair ids differ."
+        raise DataError(msg)
+    return Run(predictions, result)
+
+
+def _read_result(folder: Path) -> dict[str, Any]:
+    """Return a run's result.json, of a version that this eigenbench reads."""
     if not (folder / RESULT).is_file():
         msg = f"{folder} holds no {RESULT}, so it is not a run; `eigenbench evaluate` makes one."
         raise DataError(msg)
     try:
-        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         version = result.get("result_version")
-        with np.load(folder / PREDICTIONS, allow_pickle=False) as stored:
+        readable = isinstance(version, int) and 1 <= version <= RESULT_VERSION
+        if readable:
+            _ = result["model"]["file"], result["isolation"]["level"], result["data"]["digest"], result["scores"]
+    except _UNREADABLE as error:
+        msg = f"{folder} cannot be read as a run: {error}. Evaluate the model again."
+        raise DataError(msg) from error
+    if not readable:
+        newer = isinstance(version, int) and version > RESULT_VERSION
+        hint = "It was written by a newer one: install that." if newer else "Evaluate the model again."
+        msg = f"{folder} has result version {version}, this eigenbench reads 1 to {RESULT_VERSION}. {hint}"
+        raise DataError(msg)
+    return result
+
+
+def _read_predictions(path: Path, digest: Any) -> tuple[Predictions, NDArray[np.uint64]]:
+    """Return stored predictions and the ids of their pairs, checked against the interface and their digest."""
+    try:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in stored.files}
         groups = read_groups(json.loads(str(arrays.pop("groups"))))
         pair_id = arrays.pop("pair_id")
-        _ = result["model"]["file"], result["isolation"]["level"], result["data"]["digest"], result["scores"]
+        pairs = len(pair_id)
     except (*_UNREADABLE, BadAnswer) as error:
-        msg = f"{folder} cannot be read as a run: {error}. Evaluate the model again."
+        msg = f"{path.parent} cannot be read as a run: {error}. Evaluate the model again."
         raise DataError(msg) from error
-    if version != RESULT_VERSION:
-        msg = f"{folder} has result version {version}, this eigenbench reads {RESULT_VERSION}."
-        raise DataError(msg)
-    if not np.array_equal(pair_id, dataset.column("pair_id")):
-        msg = f"The predictions in {folder} were not made for {dataset.folder}: their pair ids differ."
-        raise DataError(msg)
     try:
-        check_answer(arrays, groups, len(dataset))
+        check_answer(arrays, groups, pairs)
     except BadAnswer as error:
-        msg = f"{folder / PREDICTIONS} {error}. Evaluate the model again."
+        msg = f"{path} {error}. Evaluate the model again."
         raise DataError(msg) from error
     predictions = Predictions(arrays, groups)
-    if predictions_digest(predictions) != result.get("predictions_digest"):
-        msg = f"{folder / PREDICTIONS} was changed after its {RESULT} was written: the digests differ."
+    if predictions_digest(predictions) != digest:
+        msg = f"{path} was changed after its {RESULT} was written: the digests differ."
         raise DataError(msg)
-    return Run(predictions, result)
+    return predictions, pair_id

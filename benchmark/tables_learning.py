@@ -1,0 +1,122 @@
+"""Few-shot adaptation, data efficiency and comparisons of runs as text for a terminal."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from eigenbench.errors import printable
+from eigenbench.headline import HEADLINE
+
+_AS_PERCENT = ("accuracy", "balanced_accuracy")
+_console = Console(highlight=False, soft_wrap=True, markup=False)
+
+
+def print_learning(result: Mapping[str, Any]) -> None:
+    """Print the checks that a model did not pass, and what a result holds of models that learnt first."""
+    for finding in result.get("checks") or ():
+        if finding["passed"] is False:
+            _console.print(printable(f"check not passed: {finding['name']}: {finding['seen']}"))
+    few_shot, efficiency = result.get("few_shot"), result.get("data_efficiency")
+    if few_shot is not None:
+        _print_few_shot(few_shot)
+    if efficiency is not None:
+        _print_efficiency(efficiency)
+
+
+def print_comparison(found: Mapping[str, Any]) -> None:
+    """Print each run's standing and each pair's difference, metric by metric."""
+    data = found["data"]
+    _console.print(
+        f"{data['task']}/{data['split']}, {data['pairs']:,} pairs, digest {data['digest'][:16]}; intervals by paired "
+        f"crossed bootstrap; p values corrected by {found['correction']}"
+    )
+    names = [f"{k + 1}: {printable(Path(r['run']).name or r['run'])}" for k, r in enumerate(found["runs"])]
+    for metric, compared in found["metrics"].items():
+        _console.print(_standings(metric, compared, names))
+        _console.print(_differences(metric, compared, names))
+
+
+def _print_few_shot(found: Mapping[str, Any]) -> None:
+    if not found["provided"]:
+        _console.print("few-shot: not provided (the model has no adapt)")
+        return
+    metrics = _metrics_of(found)
+    table = _table(f"Few-shot: {found['pairs_per_draw']} pairs a draw", "draw", *map(_title, metrics), "seconds")
+    for entry in found["draws"]:
+        cells = [_interval(m, entry.get(m)) for m in metrics]
+        table.add_row(str(entry["draw"] + 1), *cells, f"{entry['learning_seconds']:.1f}")
+    table.add_row("mean", *(_interval(m, found[m]) for m in metrics), "")
+    _console.print(table)
+
+
+def _print_efficiency(found: Mapping[str, Any]) -> None:
+    if not found["provided"]:
+        _console.print("data efficiency: not provided (the model has no fit)")
+        return
+    metrics = _metrics_of(found["sizes"][0])
+    table = _table("Data efficiency", "training pairs", *map(_title, metrics), "seconds")
+    for entry in found["sizes"]:
+        seconds = sum(s["learning_seconds"] for s in entry["subsets"]) / len(entry["subsets"])
+        cells = [_interval(m, entry.get(m)) for m in metrics]
+        table.add_row(f"{entry['pairs']:,}", *cells, f"{seconds:.1f}")
+    _console.print(table)
+    if found["area"] is not None:
+        _console.print(f"mean accuracy over the logarithm of the training pairs: {found['area']:.2%}")
+
+
+def _standings(metric: str, compared: Mapping[str, Any], names: Sequence[str]) -> Table:
+    table = _table(f"{_title(metric)} ({compared['better']} is better)", "run", "rank", "value [95 %]", "tied with")
+    order = [k for k, r in enumerate(compared["runs"]) if r is not None]
+    order.sort(key=lambda k: (compared["runs"][k]["rank"], k))
+    for k in order:
+        run = compared["runs"][k]
+        best, worst = run["rank"]
+        tied = ", ".join(str(other + 1) for other in run["tied_with"])
+        rank = str(best) if best == worst else f"{best}-{worst}"
+        table.add_row(names[k], rank, _interval(metric, run), tied)
+    for k, run in enumerate(compared["runs"]):
+        if run is None:
+            table.add_row(names[k], "", "not provided", "")
+    return table
+
+
+def _differences(metric: str, compared: Mapping[str, Any], names: Sequence[str]) -> Table:
+    table = _table("", "difference", f"{_title(metric)} [95 %]", "p", "p, Holm", "")
+    for entry in compared["differences"]:
+        a, b = entry["runs"]
+        verdict = "tied" if entry["tied"] else ""
+        p = (_probability(entry["p"]), _probability(entry["p_holm"]))
+        table.add_row(f"{names[a]} - {names[b]}", _interval(metric, entry["difference"], signed=True), *p, verdict)
+    return table
+
+
+def _metrics_of(entry: Mapping[str, Any]) -> list[str]:
+    wanted = ("accuracy", "auroc", "matched_r2", "angle_degrees")
+    return [m for m in HEADLINE if m in wanted and m in entry]
+
+
+def _title(metric: str) -> str:
+    return {"auroc": "AUROC", "matched_r2": "matched R2"}.get(metric, metric.replace("_", " "))
+
+
+def _interval(metric: str, interval: Mapping[str, Any] | None, *, signed: bool = False) -> str:
+    if interval is None or interval["value"] is None:
+        return "not provided" if interval is None else "undefined"
+    sign = "+" if signed else ""
+    form = f"{sign}.2%" if metric in _AS_PERCENT else f"{sign}.4f"
+    return f"{interval['value']:{form}} [{interval['low']:{form}}, {interval['high']:{form}}]"
+
+
+def _probability(p: float) -> str:
+    return "< 0.0001" if p < 1e-4 else f"{p:.4f}"
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+    return table
