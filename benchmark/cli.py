@@ -37,6 +37,8 @@ _INTERRUPTED = 130
 Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
 BuildTimeout = Annotated[float, typer.Option(help="Seconds for import and build.")]
 Memory = Annotated[float, typer.Option(help="Memory of all the model's processes, GiB.")]
+Scratch = Annotated[float, typer.Option(help="Disk for all that the model writes, GiB.")]
+Processes = Annotated[int, typer.Option(help="Processes and threads of the model at a time.")]
 Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
 Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
 FewShotOption = Annotated[
@@ -217,6 +219,8 @@ def evaluate(
     timeout: Timeout = 120.0,
     build_timeout: BuildTimeout = 30.0,
     memory: Memory = 4.0,
+    scratch: Scratch = 1.0,
+    processes: Processes = 128,
     device: Device = "cpu",
     checkpoint: Checkpoint = None,
     isolation: Isolation = "auto",
@@ -229,6 +233,7 @@ def evaluate(
     chains: Annotated[int, typer.Option(help="Independent nested orders for --data-efficiency.")] = 1,
     fit_seconds: Annotated[float, typer.Option(help="Seconds for one call of fit.")] = 3600.0,
     checks: Annotated[bool, typer.Option(help="Check the model on some pairs first.")] = True,
+    report: Annotated[bool, typer.Option(help="Write report.html into the run folder.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run a model, shut off from the labels, on a split and score it. Run again with its --out, it goes on."""
@@ -243,12 +248,13 @@ def evaluate(
             data,
             out,
             batch_size=batch_size,
-            options=_options(timeout, build_timeout, memory, device, checkpoint, isolation),
+            options=_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation),
             few_shot=FewShot(few_shot, draws) if few_shot else None,
             data_efficiency=(
                 DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None
             ),
             checks=checks,
+            report=report,
             progress=progress,
         )
     if as_json:
@@ -256,7 +262,7 @@ def evaluate(
         return
     print_result(done.result)
     print_learning(done.result)
-    print(f"run: {done.folder}")
+    print(f"run: {done.folder}{', see its report.html' if report else ''}")
 
 
 def _sizes(text: str | None) -> tuple[int, ...]:
@@ -268,11 +274,27 @@ def _sizes(text: str | None) -> tuple[int, ...]:
 
 
 def _options(
-    timeout: float, build_timeout: float, memory: float, device: str, checkpoint: str | None, isolation: str
+    timeout: float,
+    build_timeout: float,
+    memory: float,
+    scratch: float,
+    processes: int,
+    device: str,
+    checkpoint: str | None,
+    isolation: str,
 ) -> Any:
-    from eigenbench.hosting import HostOptions
+    from eigenbench.host_options import HostOptions
 
-    return HostOptions(isolation, timeout, build_timeout, memory, device, checkpoint)
+    return HostOptions(
+        isolation=isolation,
+        timeout=timeout,
+        build_timeout=build_timeout,
+        memory_gib=memory,
+        scratch_gib=scratch,
+        processes=processes,
+        device=device,
+        checkpoint=checkpoint,
+    )
 
 
 @app.command()
@@ -284,12 +306,15 @@ def score(
     """Score a run's stored predictions again, without the model, and compare with its result."""
     from eigenbench.scoring import rescore
     from eigenbench.tables import print_result
+    from eigenbench.tables_learning import print_learning
 
     result, difference = rescore(run, data)
     if as_json:
-        print(json.dumps({"scores": result["scores"], "difference": difference}))
+        again = {name: result[name] for name in ("scores", "few_shot", "data_efficiency") if name in result}
+        print(json.dumps({**again, "difference": difference}))
     else:
         print_result(result)
+        print_learning(result)
     if difference:
         msg = f"{run / 'result.json'} says otherwise at {difference}: it was changed, or scored by another version."
         raise DataError(msg)
@@ -324,6 +349,8 @@ def check(
     timeout: Timeout = 120.0,
     build_timeout: BuildTimeout = 30.0,
     memory: Memory = 4.0,
+    scratch: Scratch = 1.0,
+    processes: Processes = 128,
     device: Device = "cpu",
     checkpoint: Checkpoint = None,
     isolation: Isolation = "auto",
@@ -336,7 +363,9 @@ def check(
     from eigenbench.checking import require_all
     from eigenbench.tables import print_findings
 
-    findings = try_out(model, task, _options(timeout, build_timeout, memory, device, checkpoint, isolation))
+    findings = try_out(
+        model, task, _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
+    )
     if as_json:
         print(json.dumps([asdict(f) for f in findings]))
     else:

@@ -15,7 +15,7 @@ from eigenbench.errors import DataError, UsageError
 from eigenbench.headline import HEADLINE, headline_statistics, interval_of, replicated
 from eigenbench.intervals import LEVEL, REPLICATES, SEED, Floats
 from eigenbench.results import Run, load_run, read_run
-from eigenbench.scoring import Truth
+from eigenbench.truth import Truth
 
 ALPHA = 0.05
 """Two runs are tied in a metric unless their corrected p value is below this."""

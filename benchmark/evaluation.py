@@ -33,6 +33,7 @@ from eigenbench.learning import (
     run_few_shot,
 )
 from eigenbench.provenance import ModelDigests, data_identity, hardware, model_digests
+from eigenbench.report import write_report
 from eigenbench.results import RESULT, RESULT_VERSION, predictions_digest, write_run
 from eigenbench.scoring import Truth, score_predictions
 from eigenbench.scratch_folders import owned
@@ -103,6 +104,7 @@ def evaluate(
     few_shot: FewShot | None = None,
     data_efficiency: DataEfficiency | None = None,
     checks: bool = True,
+    report: bool = True,
     progress: Progress | None = None,
 ) -> Evaluated:
     """Run `model.py[:name]` on a split folder and score it.
@@ -111,6 +113,7 @@ def evaluate(
     goes to `runs/<model>-<task>-<split>-<time>`. With `few_shot` a fresh model adapts to each of some frozen draws of
     a train split, with `data_efficiency` a fresh one is fitted on each of some nested subsets, and answers again.
     With `checks` the model is checked first on some pairs (`checking.quick_check`); what it fails is in the result.
+    With `report` the run gets a page `report.html`; `eigenbench report` makes it later.
 
     If `out` holds an unfinished run of the same model, data and options, it goes on. A timeout and a memory limit may
     be changed in between. No result is written unless all succeeded.
@@ -135,6 +138,8 @@ def evaluate(
     request = _Request(str(model), path, name, digests, asker, few_shot, data_efficiency, checks)
     with _begun(folder, request.identity()) as journal:
         result = _completed(request, journal, folder)
+    if report:
+        write_report(folder, dataset.folder)
     return Evaluated(folder, result)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from eigenbench import metrics
 from eigenbench.intervals import LEVEL, SEED, Floats, Interval, Statistic, ratio
 from eigenbench.results import Predictions
-from eigenbench.scoring import Truth, composed_decision
+from eigenbench.truth import Truth, composed_decision
 
 HEADLINE: dict[str, int] = {
     "accuracy": 1,

@@ -23,16 +23,15 @@ from eigenbench.frozen_subsets import (
     ids_digest,
     nested_subset,
 )
-from eigenbench.headline import headline_statistics, interval_of, mean_over_repeats, replicated
 from eigenbench.host_options import MAX_SECONDS, Budget
 from eigenbench.hosting import HostedModel
-from eigenbench.intervals import Floats
 from eigenbench.journal import Journal
+from eigenbench.learnt_scores import data_efficiency_scores, few_shot_name, few_shot_scores, subset_name
 from eigenbench.provenance import data_identity
 from eigenbench.results import Predictions
-from eigenbench.scoring import Truth
 from eigenbench.scratch_folders import scratch_folder
 from eigenbench.subset_split import write_subset
+from eigenbench.truth import Truth
 
 FIT_SECONDS = 3600.0
 MAX_REPEATS = 1000
@@ -129,16 +128,12 @@ def run_few_shot(asker: Asker, journal: Journal, asked: FewShot, can: Sequence[s
     ids = train.column("pair_id")
     draws = [few_shot_draw(train.task.name, k, ids) for k in range(asked.draws)]
     passes = [
-        _pass(asker, journal, f"few-shot-{k:02d}", f"draw {k + 1} of {asked.draws}", _adapting(train, rows))
+        _pass(asker, journal, few_shot_name(k), f"draw {k + 1} of {asked.draws}", _adapting(train, rows))
         for k, rows in enumerate(draws)
     ]
-    values, replicates = _scored(passes, truth)
-    entries = [
-        {"draw": k, **p.prepared, **_intervals(v, r)}
-        for k, (p, v, r) in enumerate(zip(passes, values, replicates, strict=True))
-    ]
-    section = about | {"provided": True, "draws": entries, **_means(values, replicates)}
-    return _learnt(section, {f"few-shot-{k:02d}": p for k, p in enumerate(passes)})
+    prepared = [{"draw": k, **p.prepared} for k, p in enumerate(passes)]
+    section = about | {"provided": True, **few_shot_scores(prepared, [p.predictions for p in passes], truth)}
+    return _learnt(section, {few_shot_name(k): p for k, p in enumerate(passes)})
 
 
 def run_data_efficiency(
@@ -159,20 +154,14 @@ def run_data_efficiency(
     for size in sizes:
         for chain in range(asked.chains):
             rows = nested_subset(train.task.name, chain, ids, size)
-            name, title = _subset_name(size, chain), f"{size:,} pairs, chain {chain + 1} of {asked.chains}"
+            name, title = subset_name(size, chain), f"{size:,} pairs, chain {chain + 1} of {asked.chains}"
             passes[size, chain] = _fitted(asker, journal, name, title, train, rows, asked.seconds)
-    values, replicates = _scored(list(passes.values()), truth)
-    entries = []
-    for k, size in enumerate(sizes):
-        here = slice(k * asked.chains, (k + 1) * asked.chains)
-        subsets = [passes[size, chain].prepared | {"chain": chain} for chain in range(asked.chains)]
-        entries.append({"pairs": size, "subsets": subsets, **_means(values[here], replicates[here])})
-    section = about | {"provided": True, "sizes": entries, "area": _area(sizes, entries)}
-    return _learnt(section, {_subset_name(*key): p for key, p in passes.items()})
-
-
-def _subset_name(size: int, chain: int) -> str:
-    return f"subset-{size:09d}-{chain:02d}"
+    prepared = {
+        size: [passes[size, chain].prepared | {"chain": chain} for chain in range(asked.chains)] for size in sizes
+    }
+    scores = data_efficiency_scores(prepared, [p.predictions for p in passes.values()], truth)
+    section = about | {"provided": True, **scores}
+    return _learnt(section, {subset_name(*key): p for key, p in passes.items()})
 
 
 def _adapting(train: Dataset, rows: Rows) -> Prepare:
@@ -214,37 +203,6 @@ def _prepared(pair_id: Any, label: Any, seconds: float) -> dict[str, Any]:
 def _pass(asker: Asker, journal: Journal, name: str, title: str, prepare: Callable[..., Any] | None) -> Asked:
     order = journal.order(name, len(asker.dataset))
     return ask(asker, journal.part(name), order, title, prepare, anew=True)
-
-
-def _scored(passes: Sequence[Asked], truth: Truth) -> tuple[list[dict[str, float]], list[dict[str, Floats]]]:
-    statistics = [headline_statistics(p.predictions, truth) for p in passes]
-    return replicated(statistics, len(truth.targets["label"]), truth.weights())
-
-
-def _intervals(values: dict[str, float], replicates: dict[str, Floats]) -> dict[str, Any]:
-    return {name: interval_of(value, replicates[name]) for name, value in values.items()}
-
-
-def _means(values: Sequence[dict[str, float]], replicates: Sequence[dict[str, Floats]]) -> dict[str, Any]:
-    """Return each metric that all repeats have: its mean with an interval, and its spread over repeats."""
-    found: dict[str, Any] = {}
-    for name in values[0]:
-        if not all(name in one for one in values):
-            continue
-        each = np.array([one[name] for one in values])
-        deviation = float(each.std(ddof=1)) if len(each) > 1 else None
-        interval = mean_over_repeats(each, np.stack([one[name] for one in replicates]))
-        found[name] = interval | {"deviation": deviation if interval["value"] is not None else None}
-    return found
-
-
-def _area(sizes: Sequence[int], entries: Sequence[dict[str, Any]]) -> float | None:
-    """Return the mean accuracy over log(size), by trapezoids; None for a single size."""
-    if len(sizes) < 2:
-        return None
-    at = np.log(np.array(sizes, dtype=np.float64))
-    accuracy = np.array([e["accuracy"]["value"] for e in entries])
-    return float(np.sum(np.diff(at) * (accuracy[1:] + accuracy[:-1]) / 2) / (at[-1] - at[0]))
 
 
 def _learnt(section: dict[str, Any], passes: dict[str, Asked]) -> Learnt:

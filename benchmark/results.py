@@ -118,6 +118,15 @@ def read_run(folder: Path, dataset: Dataset) -> Run:
     return Run(predictions, result)
 
 
+def read_learnt(folder: Path, name: str, digest: str, pair_ids: NDArray[np.uint64]) -> Predictions:
+    """Read the predictions of a model that learnt first; DataError if they were changed or belong to other data."""
+    predictions, pair_id = _read_predictions(folder / f"{name}.npz", digest)
+    if not np.array_equal(pair_id, pair_ids):
+        msg = f"The predictions in {folder / name}.npz were not made for these data: their pair ids differ."
+        raise DataError(msg)
+    return predictions
+
+
 def _read_result(folder: Path) -> dict[str, Any]:
     """Return a run's result.json, of a version that this eigenbench reads."""
     if not (folder / RESULT).is_file():

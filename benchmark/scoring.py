@@ -11,6 +11,7 @@ from eigenbench.cavities import cavity_scores
 from eigenbench.clauses import group_scores
 from eigenbench.dataset import load
 from eigenbench.intervals import LEVEL, REPLICATES, SEED
+from eigenbench.learnt_scores import rescored
 from eigenbench.lengths import length_scores
 from eigenbench.results import Predictions, read_run
 from eigenbench.rotations import rotation_scores
@@ -52,15 +53,16 @@ def score_predictions(predictions: Predictions, truth: Truth) -> Scores:
 
 
 def rescore(run: str | Path, data: str | Path) -> tuple[dict[str, Any], str]:
-    """Score a run again; return its result with the new scores, and where they differ from the old.
+    """Score a run again, what models learnt first too; return its result anew, and where it differs from the old.
 
     The second is the path of the first differing number, empty where all are equal. Scores that an older version did
     not know yet are no difference.
     """
-    dataset = load(data)
-    stored = read_run(Path(run), dataset)
-    scores = score_predictions(stored.predictions, Truth.of(dataset))
-    return stored.result | {"scores": scores}, _first_difference(stored.result.get("scores"), scores, "scores")
+    dataset, folder = load(data), Path(run)
+    stored, truth = read_run(folder, dataset), Truth.of(dataset)
+    again = {"scores": score_predictions(stored.predictions, truth), **rescored(folder, stored.result, truth)}
+    differences = (_first_difference(stored.result.get(name), new, name) for name, new in again.items())
+    return stored.result | again, next(filter(None, differences), "")
 
 
 def _first_difference(old: Any, new: Any, where: str) -> str:

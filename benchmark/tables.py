@@ -77,15 +77,17 @@ def print_result(result: dict[str, Any]) -> None:
         _console.print(groups)
     worst = scores["worst_obj_category"]
     _console.print(f"worst object category: {worst['name']}, {_percent(worst['accuracy'])}\n")
-    _print_worst(scores["worst_group"])
+    _print_worst(scores.get("worst_group"))  # older results lack what older versions did not score
     _print_lengths(scores)
-    _print_planes(scores["planes"])
-    _print_cavities(scores["cavities"])
-    _print_groups(scores["groups"])
-    _print_rotation(scores["rotation"])
+    _print_planes(scores.get("planes"))
+    _print_cavities(scores.get("cavities"))
+    _print_groups(scores.get("groups"))
+    _print_rotation(scores.get("rotation"))
 
 
-def _print_worst(worst: dict[str, Any]) -> None:
+def _print_worst(worst: dict[str, Any] | None) -> None:
+    if worst is None:
+        return
     of = worst["kind"].replace("_", " ")
     _console.print(f"worst group: {of} {worst['name']}, {worst['pairs']:,} pairs, {_percent(worst['accuracy'])}\n")
 
@@ -140,7 +142,7 @@ def _print_angles(angles: dict[str, Any] | None) -> None:
             _number(a["mean_degrees"]),
             f"{a['median_degrees']:.3f}",
             f"{angles['chance_degrees']:.1f}",
-            _value(a["within_degrees"]["10"]),
+            _value((a.get("within_degrees") or {}).get("10")),
         )
     _console.print(table)
 

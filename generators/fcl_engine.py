@@ -38,13 +38,22 @@ def soup_model(triangles: Points) -> fcl.BVHModel:
     return mesh_model(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
-def near(triangles: Points, points: Points) -> NDArray[np.bool_]:
+def bounds(triangles: Points) -> tuple[Points, Points]:
+    """Return the lowest and highest coordinates (n, 3) of triangles (n, 3, 3)."""
+    return triangles.min(axis=1), triangles.max(axis=1)
+
+
+def near(triangles: Points, points: Points, limits: tuple[Points, Points] | None = None) -> NDArray[np.bool_]:
     """Mark the triangles (n, 3, 3) that the convex hull of points (m, 3) might touch; no other can.
 
     Those that none of 13 directions separates from it: the axes, and the diagonals of faces and of the cube.
+    `limits` are the triangles' `bounds`, where they are known.
     """
     low, high = points.min(axis=0), points.max(axis=0)
-    met: NDArray[np.bool_] = np.all((triangles.max(axis=1) >= low) & (triangles.min(axis=1) <= high), axis=1)
+    lowest, highest = limits or bounds(triangles)
+    met: NDArray[np.bool_] = np.all((highest >= low) & (lowest <= high), axis=1)
+    if not met.any():
+        return met
     along, own = triangles[met] @ _DIAGONALS, points @ _DIAGONALS
     room = 1e-9 * (1 + np.abs(own).max())  # rounding separates nothing
     met[met] = np.all(

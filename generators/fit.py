@@ -201,12 +201,12 @@ def swept_margin(
     """
     objects, _environments, _choice, cavities, trees, hints = tables
     scale, size = rows.env_size[row], rows.obj_scale[row]
-    length = rows.obj_lengths[row, tightest(cavities, room.index, scale, rows, row)]
-    limit = limit_of(cavities, room.index, body.hull, body.box) * scale
+    length = rows.obj_lengths[row, tightest(cavities, room.cavity, scale, rows, row)]
+    limit = limit_of(cavities, room.cavity, body.hull, body.box) * scale
     best = size * (1.0 + max(margin, -length) / length)
     if decided and limit <= best:
         return -1, margin
-    scene = scene_of(room.index, tables, rows, row)
+    scene = scene_of(room.cavity, tables, rows, row)
     contacts = contacts_at(size, scene, objects, trees, hints)
     free = search(key, pair, 0, room.end, room, body, size, scene, contacts)
     low, high = (size, limit) if free >= 0 else (0.0, min(size, limit))

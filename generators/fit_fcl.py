@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.family import Pair, hull_model, object_model
-from eigenbench.generators.fcl_engine import Points, Sweep, near, soup_model
+from eigenbench.generators.fcl_engine import Points, Sweep, bounds, near, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.rooms import CLEAR, across
 from eigenbench.generators.shapes import Cavity
@@ -27,8 +27,9 @@ def confirm(pair: Pair) -> bool:
     Where the hull does touch, the whole mesh is asked.
     """
     posed, triangles = pair.posed(), _unit_triangles(pair)
+    limits = _limits(pair.stock.of("environment"), pair.env_index)
     placed = posed.placement(np.asarray(pair.of("witness")))
-    met = near(triangles, (posed.hull + placed) / pair.env_size)
+    met = near(triangles, (posed.hull + placed) / pair.env_size, limits)
     inside = _inside(pair, posed.hull)
     if not met.any():
         return inside(placed)
@@ -48,10 +49,8 @@ def _triangles(library: Library, shape: int) -> Points:
 
 
 @lru_cache(maxsize=1024)
-def _bounds(library: Library, shape: int) -> tuple[Points, Points]:
-    """Return the lowest and highest coordinates (n, 3) of a shape's triangles."""
-    triangles = _triangles(library, shape)
-    return triangles.min(axis=1), triangles.max(axis=1)
+def _limits(library: Library, shape: int) -> tuple[Points, Points]:
+    return bounds(_triangles(library, shape))
 
 
 def _inside(pair: Pair, hull: Points) -> Callable[[Points], bool]:
@@ -88,7 +87,7 @@ def _is_enclosed(point: Points, library: Library, shape: int) -> bool:
     Along each axis a triangle around the point counts with the sign of its area, before or behind it. A line whose sums
     are both zero says free, both other than zero solid; the lines vote.
     """
-    triangles, (lowest, highest) = _triangles(library, shape), _bounds(library, shape)
+    triangles, (lowest, highest) = _triangles(library, shape), _limits(library, shape)
     votes = 0
     for axis in range(3):
         plane = list(across(axis))

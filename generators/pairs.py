@@ -38,7 +38,7 @@ NEAR = 0.1
 NEAR_SHARE = 0.13
 """The ratio's logarithm lies within NEAR of 0 with this probability; it is uniform within and uniform without."""
 
-BETWEEN_SHARE = 0.61
+BETWEEN_SHARE = 0.6
 """Share of the attempts at pairs of library environments in which a second one decides the object's size, see
 `size_between`: so that a probe of the object alone and one of the environment alone do about equally well."""
 NEAR_KEPT = 0.25

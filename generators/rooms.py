@@ -56,7 +56,7 @@ class Room(NamedTuple):
 
     Attributes
     ----------
-    index : of the cavity
+    cavity : its index
     axis : of a drum; -1 for a box
     corners : (2, 3) of the box
     radius : of a drum
@@ -64,7 +64,7 @@ class Room(NamedTuple):
     first, end : the numbers of its sampled placements start after `first`; `end` counts its placements, guided and all
     """
 
-    index: int
+    cavity: int
     axis: int
     corners: Floats
     radius: float

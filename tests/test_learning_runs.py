@@ -12,6 +12,7 @@ from eigenbench.frozen_subsets import DRAW_PAIRS, few_shot_draw, ids_digest, nes
 from eigenbench.generators.generation import generate
 from eigenbench.headline import mean_over_repeats
 from eigenbench.learning import DataEfficiency, FewShot
+from eigenbench.scoring import rescore
 from eigenbench.subset_split import write_subset
 
 TELLS = """
@@ -126,7 +127,7 @@ def test_missing_methods_read_not_provided(tube, tmp_path):
     done = eigenbench.evaluate(EXAMPLES / "constant.py", tube / "test", tmp_path / "run", **asked).result
     assert not done["few_shot"]["provided"]
     assert not done["data_efficiency"]["provided"]
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["predictions.npz", "result.json"]
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["predictions.npz", "report.html", "result.json"]
 
 
 def test_what_a_model_may_not_learn_from(tube, small, every_task, tmp_path):
@@ -182,3 +183,24 @@ def test_interval_of_a_mean_over_repeats():
     assert (found["high"] - found["low"]) / 2 == pytest.approx(expected, rel=0.06)
     alone = mean_over_repeats(values[:1], values[:1, None] + shared)
     assert (alone["high"] - alone["low"]) / 2 == pytest.approx(1.96 * common, rel=0.06)
+
+
+def test_what_was_learnt_is_scored_again(tube, tmp_path):
+    """`rescore` gives both sections again to the last digit, and tells changed scores and changed predictions."""
+    run = tmp_path / "run"
+    asked = {"few_shot": FewShot(tube / "train", 2), "data_efficiency": DataEfficiency(tube / "train", (100, 200))}
+    done = eigenbench.evaluate(EXAMPLES / "ratios.py", tube / "test", run, **asked)
+    result, difference = rescore(run, tube / "test")
+    assert difference == ""
+    assert result["few_shot"] == done.result["few_shot"]
+    assert result["data_efficiency"] == done.result["data_efficiency"]
+    assert done.result["few_shot"]["accuracy"]["value"] > 0.8 > 0.5 >= done.result["scores"]["accuracy"]["value"] - 0.05
+    text = (run / "result.json").read_text()
+    area = done.result["data_efficiency"]["area"]
+    (run / "result.json").write_text(text.replace(f'"area": {area}', '"area": 0.5'))
+    assert rescore(run, tube / "test")[1] == "data_efficiency.area"
+    with np.load(run / "few-shot-01.npz") as stored:
+        arrays = dict(stored)
+    np.savez(run / "few-shot-01.npz", **(arrays | {"probability": 1 - arrays["probability"]}))
+    with pytest.raises(DataError, match=r"few-shot-01.npz was changed after"):
+        rescore(run, tube / "test")

@@ -26,7 +26,7 @@ def test_old_runs_stay_loadable(version, capsys):
     run = load_run(GOLDEN / f"version-{version}")
     assert run.result["result_version"] == version
     assert run.predictions.arrays["env_lengths"].shape == (60, 2)
-    assert run.result["scores"]["accuracy"]["value"] == pytest.approx(run.result["scores"]["accuracy"]["value"])
+    assert 0.9 < run.result["scores"]["accuracy"]["value"] <= 1
     print_result(run.result)
     print_learning(run.result)
     assert "bounding_box.py on tube/test, 60 pairs" in capsys.readouterr().out
