@@ -4,8 +4,9 @@ from pathlib import Path
 
 from eigenbench.errors import DataError, UsageError, printable
 from eigenbench.figures import figures_of, paper_style
+from eigenbench.report_cells import as_csv, as_latex
 from eigenbench.report_source import read_source
-from eigenbench.report_tables import as_csv, as_latex, tables_of
+from eigenbench.report_tables import tables_of
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
 
 _FIGURE_TYPES = ("png", "pdf")

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from eigenbench.errors import UsageError
 from eigenbench.intervals import Interval
+from eigenbench.report_cells import Table
 from eigenbench.report_source import ANGLE_BIN, Source, angle_histograms, matched_slots, reliability, sample_rows
-from eigenbench.report_tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -64,7 +64,7 @@ def render_report(source: Source) -> str:
         margin_section(tables),
         category_section(tables),
         calibration_section(source, tables),
-        other_sections(tables, frozenset(known)),
+        other_sections(source, tables, frozenset(known)),
         _pair_section(source),
         provenance_section(source),
     ]

@@ -6,7 +6,7 @@ from typing import Any
 from eigenbench.intervals import Interval
 from eigenbench.markup import Html, details, tag, text
 from eigenbench.plots import ruler
-from eigenbench.report_tables import TEXT, Cell, Table, title_of, write_cell
+from eigenbench.report_cells import TEXT, Cell, Table, title_of, write_cell
 
 
 def table_html(

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from eigenbench.markup import Html, section, tag
 from eigenbench.metrics import CHANCE_ANGLE
 from eigenbench.plots import histogram, scatter
+from eigenbench.report_cells import Table
 from eigenbench.report_html import numbers, table_html
 from eigenbench.report_source import ANGLE_BIN, Source, angle_histograms, matched_slots, sample_rows
-from eigenbench.report_tables import Table
 
 SCATTER_PAIRS = 600
 """Pairs that a scatter plot shows, the same ones in every cell."""

@@ -8,9 +8,9 @@ import numpy as np
 from eigenbench.intervals import Interval
 from eigenbench.markup import Html, join, section, tag, text
 from eigenbench.plots import calibration, interval_series
+from eigenbench.report_cells import NUMBER, PERCENT, Table, title_of, write_cell
 from eigenbench.report_html import facts, numbers, table_html
 from eigenbench.report_source import Source, interval_of, reliability
-from eigenbench.report_tables import NUMBER, PERCENT, Table, title_of, write_cell
 
 Tables = Mapping[str, Table]
 
@@ -192,9 +192,25 @@ def provenance_section(source: Source) -> Html:
     return section("provenance", "Provenance", tag("div", *(tag("div", b) for b in blocks), class_="columns"))
 
 
-def other_sections(tables: Tables, known: frozenset[str]) -> Html:
-    """Return the tables that no other section shows: what newer scorers add has a place from the start."""
+def other_sections(source: Source, tables: Tables, known: frozenset[str]) -> Html:
+    """Return the tables that no other section shows, and the learning curve: what newer scorers add has a place too."""
     rest = [t for name, t in tables.items() if name not in known]
     if not rest:
         return Html("")
-    return section("more", "More scores", join(tag("div", table_html(t)) for t in rest))
+    return section("more", "More scores", join(tag("div", _learning_curve(source, t), table_html(t)) for t in rest))
+
+
+def _learning_curve(source: Source, table: Table) -> Html:
+    """Return accuracy against the number of training pairs, for the table that has these; else nothing."""
+    found = source.result.get("data_efficiency") or {}
+    if table.name != "data_efficiency" or len(found.get("sizes", ())) < 2:
+        return Html("")
+    values = [interval_of(entry.get("accuracy")) for entry in found["sizes"]]
+    lows = [v.low for v in values if v is not None and v.low is not None]
+    return interval_series(
+        [f"{entry['pairs']:,}" for entry in found["sizes"]],
+        [("accuracy", "model", values)],
+        y=(min(0.9, int(10 * min(lows, default=0.0)) / 10), 1.0),
+        titles=("training pairs", "accuracy"),
+        label="Accuracy against the number of training pairs; the table gives the numbers",
+    )

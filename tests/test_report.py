@@ -22,6 +22,7 @@ from eigenbench.intervals import Interval
 from eigenbench.markup import Html, embedded_json, tag, text
 from eigenbench.plots import nice_ticks
 from eigenbench.report import REPORT, write_report
+from eigenbench.report_cells import PERCENT, TEXT, Table, as_csv, as_latex, escape_latex, write_cell
 from eigenbench.report_source import (
     angle_histograms,
     read_source,
@@ -30,7 +31,7 @@ from eigenbench.report_source import (
     sample_rows,
     worst_rows,
 )
-from eigenbench.report_tables import PERCENT, TEXT, Table, as_csv, as_latex, escape_latex, tables_of, write_cell
+from eigenbench.report_tables import tables_of
 from eigenbench.scenes import read_pairs, scene_of
 from eigenbench.viewing import write_gallery, write_view
 
@@ -111,10 +112,30 @@ def test_report_of_a_probability_alone(test_split, tmp_path):
 def test_report_of_another_scorers_result(source):
     """Scores that this report does not know get a general table: each number by its path."""
     scores = source.scores | {
-        "planes": {"width": {"mean_m": {"value": 0.5, "low": 0.4, "high": 0.6}}, "flat": [1, 2.5]}
+        "new": {"width": {"mean_m": {"value": 0.5, "low": 0.4, "high": 0.6}}, "flat": [1, 2.5]}
     }
     other = type(source)(source.dataset, source.task, source.targets, {**source.result, "scores": scores}, source.arrays, source.groups, source.decision)  # fmt: skip
-    assert tables_of(other)["planes"].rows == (("width: mean m", Interval(0.5, 0.4, 0.6)), ("flat", "1, 2.5"))
+    assert tables_of(other)["new"].rows == (("width: mean m", Interval(0.5, 0.4, 0.6)), ("flat", "1, 2.5"))
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "first", "rows"),
+    [
+        ("fit", "cavities", "all", 3),
+        ("fit", "planes", "width", 3),
+        ("multitube", "groups", "group 0", 2),
+        ("tube-rotated", "rotation", "identity", 3),
+        ("tube", "worst_group", "env category", 2),
+    ],
+)
+def test_what_only_some_tasks_have_is_a_table(every_task, tmp_path, task, name, first, rows):
+    """Planes, cavities, groups and rotations are tables with a row a thing, in the page too."""
+    run = eigenbench.evaluate(EXAMPLES / "bounding_box.py", every_task[task], tmp_path / "run").folder
+    table = tables_of(read_source(run, every_task[task]))[name]
+    assert table.rows[0][0] == first
+    assert len(table.rows) >= rows
+    assert all(len(row) == len(table.columns) for row in table.rows)
+    assert table.title in (run / "report.html").read_text()
 
 
 def test_reliability_agrees_with_the_calibration_error(source):
