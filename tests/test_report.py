@@ -111,9 +111,7 @@ def test_report_of_a_probability_alone(test_split, tmp_path):
 
 def test_report_of_another_scorers_result(source):
     """Scores that this report does not know get a general table: each number by its path."""
-    scores = source.scores | {
-        "new": {"width": {"mean_m": {"value": 0.5, "low": 0.4, "high": 0.6}}, "flat": [1, 2.5]}
-    }
+    scores = source.scores | {"new": {"width": {"mean_m": {"value": 0.5, "low": 0.4, "high": 0.6}}, "flat": [1, 2.5]}}
     other = type(source)(source.dataset, source.task, source.targets, {**source.result, "scores": scores}, source.arrays, source.groups, source.decision)  # fmt: skip
     assert tables_of(other)["new"].rows == (("width: mean m", Interval(0.5, 0.4, 0.6)), ("flat", "1, 2.5"))
 
