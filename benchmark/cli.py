@@ -262,7 +262,9 @@ def evaluate(
         return
     print_result(done.result)
     print_learning(done.result)
-    print(f"run: {done.folder}{', see its report.html' if report else ''}")
+    print(f"run: {done.folder}")
+    if report:
+        print(f"report: {done.folder / 'report.html'}")
 
 
 def _sizes(text: str | None) -> tuple[int, ...]:

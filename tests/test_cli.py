@@ -47,6 +47,7 @@ def test_a_whole_session(tmp_path):
     assert done.returncode == 0, done.stderr
     folder = re.search(r"^run: (\S+)$", done.stdout, re.M).group(1)
     assert folder.startswith("runs/bounding_box-tube-test-")
+    assert (tmp_path / folder / "report.html").is_file()
     assert (
         "equal to the stored result, to the last digit"
         in run("score", folder, "--data", "data/tube/test", cwd=tmp_path).stdout
