@@ -1,12 +1,17 @@
 """Shared fixtures: one small data set, one folder of meshes, and where the real meshes lie."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
 from material import EVERY, box_mesh, write_obj
 
 from eigenbench.generators.generation import generate
+
+# A shell's background job ignores Ctrl-C, and what it starts would inherit that: tests send it to what they start.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
