@@ -70,7 +70,7 @@ def test_after_a_crash_of_the_model(test_split, tmp_path):
     assert not whole.result["resumed"]
     assert same(done.result, whole.result)
     assert done.result["seeds"]["order"] != whole.result["seeds"]["order"]
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["predictions.npz", "result.json"]
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["predictions.npz", "report.html", "result.json"]
 
 
 def test_only_the_rest_is_asked_for(test_split, tmp_path, at_once):
