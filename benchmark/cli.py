@@ -17,7 +17,7 @@ import typer
 
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
-from eigenbench.console import SOURCES, Json, Workers, progress_on
+from eigenbench.console import SOURCES, Json, Workers, kept_told, progress_on
 from eigenbench.errors import DataError, EigenbenchError, UsageError, printable
 
 app = typer.Typer(
@@ -242,7 +242,7 @@ def evaluate(
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
-    with progress_on(as_json) as progress:
+    with kept_told(), progress_on(as_json) as progress:
         done = run(
             model,
             data,

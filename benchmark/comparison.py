@@ -20,6 +20,7 @@ from eigenbench.truth import Truth
 ALPHA = 0.05
 """Two runs are tied in a metric unless their corrected p value is below this."""
 MAX_RUNS = 100
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +75,15 @@ def p_value(difference: float, replicates: Floats) -> float:
     """Return the two-sided p value of a difference, by the normal law with the standard error of its replicates (R,).
 
     Counting replicates beyond zero could not fall below 1 / R, too coarse once it is multiplied by the number of
-    pairs of runs. Runs that never differ have p = 1.
+    pairs of runs. Runs that never differ, but for rounding, have p = 1; those that differ by the same in every
+    replicate (1 against chance, say, in AUROC) have p = 0.
     """
     known = replicates[np.isfinite(replicates)]
     error = float(known.std(ddof=1)) if len(known) > 1 else 0.0
-    if error == 0.0:
+    if abs(difference) < _ROUNDING:
         return 1.0
+    if error < _ROUNDING:
+        return 0.0
     return float(2 * norm.sf(abs(difference) / error))
 
 

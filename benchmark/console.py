@@ -49,6 +49,17 @@ def progress_on(quiet: bool) -> Iterator[Callable[[str, int, int], None] | None]
         yield line
 
 
+@contextmanager
+def kept_told() -> Iterator[None]:
+    """Print what an interruption says of what is kept, and where, to stderr."""
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        if stopped.args:
+            print(printable(str(stopped)), file=sys.stderr)
+        raise
+
+
 def print_refused(refused: dict[str, str]) -> None:
     """Print a line for each shape that was not used, with the reason."""
     for name, reason in refused.items():

@@ -257,9 +257,13 @@ def _begun(folder: Path, identity: dict[str, Any]) -> Iterator[Journal]:
             if not kept:
                 journal.remove()
                 _remove_empty(new)
-            elif isinstance(error, EigenbenchError):
-                told = f"{error} Kept so far: {kept:,} answers; the same command with --out {folder} goes on."
-                raise type(error)(told, error.detail) from error
+                raise
+            told = f"Kept so far: {kept:,} answers; the same command with --out {folder} goes on."
+            if isinstance(error, EigenbenchError):
+                msg = f"{error} {told}"
+                raise type(error)(msg, error.detail) from error
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(told) from error
             raise
         journal.remove()
 

@@ -26,9 +26,9 @@ HEADLINE: dict[str, int] = {
 def headline_statistics(predictions: Predictions, truth: Truth) -> dict[str, Statistic]:
     """Return the headline metrics that predictions aligned with the truth allow.
 
-    `matched_r2` is the mean R2 over the matched lengths and both sides, `angle_degrees` the mean angle between a
-    matched slot's vector and its length's direction over pairs and lengths that have one; the matching is that of
-    all pairs.
+    `matched_r2` is the mean R2 over the human lengths and both sides, 0 for a length without a slot, so that a model of
+    fewer slots gains nothing by what it leaves out; `angle_degrees` the mean angle between a matched slot's vector
+    and its length's direction over pairs and lengths that have one; the matching is that of all pairs.
     """
     label = truth.targets["label"]
     decision, groups = composed_decision(predictions)
@@ -58,11 +58,11 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
     match = metrics.match_slots(
         metrics.r2_matrix(env, t["env_lengths"], plain)[0], metrics.r2_matrix(obj, t["obj_lengths"], plain)[0]
     )
-    lengths, slots = list(match), list(match.values())
+    lengths, slots, count = list(match), list(match.values()), t["env_lengths"].shape[1]
 
     def matched_r2(weights: Floats) -> Floats:
         r2 = [metrics.r2_matrix(p, t[f"{side}_lengths"], weights) for side, p in (("env", env), ("obj", obj))]
-        return np.asarray(np.mean([one[:, slots, lengths] for one in r2], axis=(0, 2)))
+        return np.asarray(np.mean([one[:, slots, lengths] for one in r2], axis=(0, 2)) * (len(lengths) / count))
 
     found: dict[str, Statistic] = {"matched_r2": matched_r2}
     vectors = predictions.arrays.get("vectors")

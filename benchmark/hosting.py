@@ -272,7 +272,7 @@ class HostedModel:
         if header.get("kind") == "error":
             where = f", line {header['line']}" if isinstance(header.get("line"), int) else ""
             told = [_printable(header.get(name)) for name in ("phase", "type", "message")]
-            msg = f"Model {self.path.name} failed in {': '.join(told)}{where}."
+            msg = f"Model {self.path.name} failed in {': '.join(told).rstrip('.')}{where}."
             raise ModelError(msg, detail=str(header.get("traceback", "")))
         if header.get("kind") != kind:
             msg = f"Model {self.path.name} sent a '{_printable(header.get('kind'), 40)}' instead of its '{kind}'."

@@ -101,7 +101,8 @@ def auroc_statistic(label: Bools, score: Floats) -> Statistic:
         if len(starts) < len(positive):
             own = np.add.reduceat(own, starts, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.einsum("rn,rn->r", own, beaten) / (own.sum(axis=1) * mass[:, -1]))
+            area = np.einsum("rn,rn->r", own, beaten) / (own.sum(axis=1) * mass[:, -1])
+        return np.asarray(np.clip(area, 0.0, 1.0))  # sums round
 
     return statistic
 

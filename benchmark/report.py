@@ -88,6 +88,11 @@ def _header(source: Source, title: str) -> Html:
         tag("h1", title),
         verdict(source),
         tag("p", rule, class_="note"),
+        *(
+            tag("p", f"Check not passed: {check['name']}: {check['seen']}.", class_="note")
+            for check in result.get("checks") or ()
+            if check["passed"] is False
+        ),
     ]
     return tag("header", *lines)
 

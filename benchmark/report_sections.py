@@ -183,12 +183,17 @@ def provenance_section(source: Source) -> Html:
     software: dict[str, Any] = {
         k: result.get(k) for k in ("eigenbench", "data_version", "result_version", "python", "date") if k in result
     }
-    shown = {"model", "data", "isolation", "hardware", "seconds", "scores", "few_shot", "data_efficiency", *software}
+    apart = {"model", "data", "isolation", "hardware", "seconds", "scores", "few_shot", "data_efficiency", "checks"}
+    shown = {*apart, *software}
     rest = {k: v for k, v in result.items() if k not in shown}
     blocks = [facts(result[k], title_of(k).capitalize()) for k in ("model", "data", "isolation") if k in result]
     blocks.append(facts(software, "Versions"))
     blocks += [facts(result[k], title_of(k).capitalize()) for k in ("hardware", "seconds") if k in result]
     blocks.append(facts(rest, "Run"))
+    if result.get("checks"):
+        told = {True: "passed", False: "not passed", None: "for information"}
+        checks = {c["name"]: f"{told[c['passed']]}; {c['seen']}" for c in result["checks"]}
+        blocks.append(facts(checks, "Checks before the run"))
     return section("provenance", "Provenance", tag("div", *(tag("div", b) for b in blocks), class_="columns"))
 
 

@@ -12,6 +12,8 @@ from eigenbench.errors import printable
 from eigenbench.headline import HEADLINE
 
 _AS_PERCENT = ("accuracy", "balanced_accuracy")
+_NAME = 26
+"""Longest name of a run in a table of 80 columns."""
 _console = Console(highlight=False, soft_wrap=True, markup=False)
 
 
@@ -34,10 +36,10 @@ def print_comparison(found: Mapping[str, Any]) -> None:
         f"{data['task']}/{data['split']}, {data['pairs']:,} pairs, digest {data['digest'][:16]}; intervals by paired "
         f"crossed bootstrap; p values corrected by {found['correction']}"
     )
-    names = [f"{k + 1}: {printable(Path(r['run']).name or r['run'])}" for k, r in enumerate(found["runs"])]
+    names = [_name_of(k + 1, r["run"]) for k, r in enumerate(found["runs"])]
     for metric, compared in found["metrics"].items():
         _console.print(_standings(metric, compared, names))
-        _console.print(_differences(metric, compared, names))
+        _console.print(_differences(metric, compared))
 
 
 def _print_few_shot(found: Mapping[str, Any]) -> None:
@@ -47,10 +49,15 @@ def _print_few_shot(found: Mapping[str, Any]) -> None:
     metrics = _metrics_of(found)
     table = _table(f"Few-shot: {found['pairs_per_draw']} pairs a draw", "draw", *map(_title, metrics), "seconds")
     for entry in found["draws"]:
-        cells = [_interval(m, entry.get(m)) for m in metrics]
+        cells = [_value(m, entry.get(m)) for m in metrics]
         table.add_row(str(entry["draw"] + 1), *cells, f"{entry['learning_seconds']:.1f}")
-    table.add_row("mean", *(_interval(m, found[m]) for m in metrics), "")
     _console.print(table)
+    means = _table("Mean over the draws", "metric", "mean [95 %]", "deviation of the draws")
+    for metric in metrics:
+        mean = found[metric]
+        spread = "" if mean.get("deviation") is None else _number(metric, mean["deviation"])
+        means.add_row(_title(metric), _interval(metric, mean), spread)
+    _console.print(means)
 
 
 def _print_efficiency(found: Mapping[str, Any]) -> None:
@@ -58,11 +65,13 @@ def _print_efficiency(found: Mapping[str, Any]) -> None:
         _console.print("data efficiency: not provided (the model has no fit)")
         return
     metrics = _metrics_of(found["sizes"][0])
-    table = _table("Data efficiency", "training pairs", *map(_title, metrics), "seconds")
+    others = metrics[1:]
+    table = _table("Data efficiency, by training pairs", "pairs", "accuracy [95 %]", *map(_title, others), "seconds")
     for entry in found["sizes"]:
         seconds = sum(s["learning_seconds"] for s in entry["subsets"]) / len(entry["subsets"])
-        cells = [_interval(m, entry.get(m)) for m in metrics]
-        table.add_row(f"{entry['pairs']:,}", *cells, f"{seconds:.1f}")
+        cells = [_value(m, entry.get(m)) for m in others]
+        accuracy = _interval("accuracy", entry.get("accuracy"))
+        table.add_row(f"{entry['pairs']:,}", accuracy, *cells, f"{seconds:.1f}")
     _console.print(table)
     if found["area"] is not None:
         _console.print(f"mean accuracy over the logarithm of the training pairs: {found['area']:.2%}")
@@ -84,13 +93,21 @@ def _standings(metric: str, compared: Mapping[str, Any], names: Sequence[str]) -
     return table
 
 
-def _differences(metric: str, compared: Mapping[str, Any], names: Sequence[str]) -> Table:
+def _name_of(number: int, run: str) -> str:
+    """Return a run's number and folder, the folder cut in its middle where it is too long for a table."""
+    name = printable(Path(run).name or run)
+    if len(name) > _NAME:
+        name = f"{name[: _NAME // 2 - 1]}...{name[-(_NAME // 2 - 2) :]}"
+    return f"{number}: {name}"
+
+
+def _differences(metric: str, compared: Mapping[str, Any]) -> Table:
     table = _table("", "difference", f"{_title(metric)} [95 %]", "p", "p, Holm", "")
     for entry in compared["differences"]:
         a, b = entry["runs"]
         verdict = "tied" if entry["tied"] else ""
         p = (_probability(entry["p"]), _probability(entry["p_holm"]))
-        table.add_row(f"{names[a]} - {names[b]}", _interval(metric, entry["difference"], signed=True), *p, verdict)
+        table.add_row(f"{a + 1} - {b + 1}", _interval(metric, entry["difference"], signed=True), *p, verdict)
     return table
 
 
@@ -100,15 +117,27 @@ def _metrics_of(entry: Mapping[str, Any]) -> list[str]:
 
 
 def _title(metric: str) -> str:
-    return {"auroc": "AUROC", "matched_r2": "matched R2"}.get(metric, metric.replace("_", " "))
+    return {"auroc": "AUROC", "matched_r2": "matched R2", "angle_degrees": "angle, deg"}.get(
+        metric, metric.replace("_", " ")
+    )
 
 
 def _interval(metric: str, interval: Mapping[str, Any] | None, *, signed: bool = False) -> str:
     if interval is None or interval["value"] is None:
         return "not provided" if interval is None else "undefined"
+    value, low, high = (_number(metric, interval[k], signed=signed) for k in ("value", "low", "high"))
+    return f"{value} [{low}, {high}]"
+
+
+def _value(metric: str, interval: Mapping[str, Any] | None) -> str:
+    if interval is None or interval["value"] is None:
+        return _interval(metric, interval)
+    return _number(metric, interval["value"])
+
+
+def _number(metric: str, value: float, *, signed: bool = False) -> str:
     sign = "+" if signed else ""
-    form = f"{sign}.2%" if metric in _AS_PERCENT else f"{sign}.4f"
-    return f"{interval['value']:{form}} [{interval['low']:{form}}, {interval['high']:{form}}]"
+    return f"{value:{sign}.2%}" if metric in _AS_PERCENT else f"{value:{sign}.4f}"
 
 
 def _probability(p: float) -> str:

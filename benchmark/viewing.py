@@ -81,6 +81,7 @@ def _write(path: Path, body: str) -> Path:
     try:
         write_text_atomically(path, body)
     except (OSError, GenerationError) as error:
-        msg = f"Page {printable(str(path))} cannot be written: {error}"
+        why = getattr(error, "strerror", None) or str(error)
+        msg = f"Page {printable(str(path))} cannot be written: {why}. Choose another --out."
         raise DataError(msg) from error
     return path

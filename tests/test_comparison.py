@@ -148,6 +148,24 @@ def test_p_value_is_the_paired_test_where_pairs_are_independent():
     assert norm.isf(found / 2) == pytest.approx(norm.isf(expected / 2), rel=0.06)
 
 
+def test_p_value_of_differences_that_do_not_vary():
+    """Rounding is no difference; the same difference in every replicate is one beyond doubt."""
+    noise = 1e-16 * np.random.default_rng(3).normal(size=100)
+    assert p_value(3e-16, noise) == 1.0
+    assert p_value(0.0, np.zeros(100)) == 1.0
+    assert p_value(0.5, np.full(100, 0.5)) == 0.0
+
+
+def test_a_length_without_a_slot_has_no_r2(runs, test_split, tmp_path):
+    """Leaving out a slot gains nothing: of two lengths one is matched, and the mean R2 halves."""
+    one = "return {'env_lengths': np.ptp(env, axis=1)[:, 1:2], 'obj_lengths': np.ptp(obj, axis=1)[:, 1:2]}"
+    run = eigenbench.evaluate(model(tmp_path, one), test_split, tmp_path / "run").folder
+    both, single = eigenbench.compare([runs["bounding_box"], run], test_split)["metrics"]["matched_r2"]["runs"]
+    assert both["value"] > 0.99
+    assert single["value"] == pytest.approx(0.5, abs=0.01)
+    assert (both["rank"], single["rank"]) == ([1, 1], [2, 2])
+
+
 def test_equally_good_models_are_seldom_told_apart():
     """Where shapes favour one model or the other at random, p falls below 5 % about that often; pair by pair, far more."""
     rng = np.random.default_rng(2)

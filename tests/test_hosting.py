@@ -22,7 +22,10 @@ from eigenbench.protocol import BadFrame, unpack_arrays
         ("return {'probability': np.full(3, 0.5)}", r"probability of shape \(3,\), expected \(24,\)"),
         ("return {'probability': np.full((len(env), 1), 0.5)}", r"expected \(24,\)"),
         ("return {'probabilty': np.full(len(env), 0.5)}", r"Did you mean 'probability'"),
-        ("return np.zeros(3)", r"predict returned ndarray; it must return a dict or a Prediction"),
+        (
+            "return np.zeros(3)",
+            r"predict returned ndarray; it must return a dict or a Prediction, line \d+\.$|a Prediction\.$",
+        ),
         ("return {}", r"gives neither a probability nor lengths"),
         ("return {'env_lengths': np.ones((len(env), 2))}", r"gives lengths of one side only"),
         (

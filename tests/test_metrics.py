@@ -35,6 +35,7 @@ def test_auroc_equals_scikit_learn(rng):
         expected = sk.roc_auc_score(label, score, sample_weight=row)
         assert metrics.auroc(label, score, row[None])[0] == pytest.approx(expected, abs=1e-12)
     assert np.isnan(metrics.auroc(np.ones(500, bool), score, ONE)[0])
+    assert (metrics.auroc(label, label + 0.1 * rng.random(500), rng.random((200, 500)) ** 9) <= 1.0).all()
 
 
 def test_accuracy_family_equals_scikit_learn(rng):

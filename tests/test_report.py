@@ -2,8 +2,10 @@
 
 import base64
 import csv
+import errno
 import hashlib
 import io
+import os
 import re
 import sys
 from html.parser import HTMLParser
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from material import EXAMPLES
+from material import EXAMPLES, model
 from reported import NAME, make_run
 
 import eigenbench
@@ -107,6 +109,27 @@ def test_report_of_a_probability_alone(test_split, tmp_path):
     assert "Angles: not provided." in body
     with pytest.raises(DataError, match="holds no result"):
         write_report(tmp_path, test_split)
+
+
+def test_report_names_checks_that_were_not_passed(test_split, tmp_path):
+    """On top, and among all checks where the provenance is."""
+    path = model(tmp_path, "return {'probability': np.random.rand(len(env))}")
+    run = eigenbench.evaluate(path, test_split, tmp_path / "run").folder
+    head, rest = (run / REPORT).read_text(encoding="utf-8").split("<main", 1)
+    assert "Check not passed: repeatability: the same batch twice: largest change" in head
+    assert "not passed; largest change" in rest
+    assert "passed none" not in rest
+
+
+def test_page_that_cannot_be_written(test_split, tmp_path, monkeypatch):
+    """The system's reason and the next step, without the name of a temporary file."""
+
+    def full(path, body):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), f"{path}.tmp")
+
+    monkeypatch.setattr("eigenbench.viewing.write_text_atomically", full)
+    with pytest.raises(DataError, match=r"p\.html cannot be written: Read-only file system\. Choose another --out\.$"):
+        write_view(test_split, 0, out=tmp_path / "p.html")
 
 
 def test_report_of_another_scorers_result(source):

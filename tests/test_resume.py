@@ -96,7 +96,8 @@ def test_after_a_killed_harness(test_split, tmp_path, number):
         until(lambda: list(tmp_path.glob("run/unfinished/predictions/answers-*.npz")))
         hosts = [p for p in processes() if "eigenbench.model_host" in p[1] and str(tmp_path) in p[2]]
         process.send_signal(number)
-        process.wait(30)
+        told = process.communicate(timeout=30)[1].decode()
+    assert ("Kept so far: " in told and f"--out {tmp_path / 'run'} goes on." in told) == (number == signal.SIGINT)
     assert hosts
     until(lambda: not {p[0] for p in hosts} & {p[0] for p in processes()})
     kept = sum(len(np.load(p)["pair_id"]) for p in tmp_path.glob("run/unfinished/predictions/*.npz"))
