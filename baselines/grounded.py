@@ -1,8 +1,8 @@
 """Grounded: each length is a vector and two planes found in the environment's cloud, so it has metres and a place.
 
 The paper's section 4 and its appendix. VectorNet (PointNet, MLP 1024 -> 256 -> 3S) gives S unit vectors v. WeightNet
-(PointNet; each point's 64 features beside the global 1024; MLP 1088 -> 512 -> 256 -> 128; 2S heads 128 -> 256 -> 1, softmax
-over the points) gives S pairs of weights, and with them points p and q, the weighted means of the cloud. Then
+(PointNet; each point's 64 features beside the global 1024; MLP 1088 -> 512 -> 256 -> 128; 2S heads 128 -> 256 -> 1,
+softmax over the points) gives S pairs of weights, and with them points p and q, the weighted means of the cloud. Then
 L_env = v.(q - p) and L_obj = max v.o - min v.o over the object's points o.
 
 What is ours: WeightNet sees every fourth point (`STRIDE`), which makes a step affordable on a CPU, and the global

@@ -124,44 +124,45 @@ def largest_product(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:
     The value, and the gradient, are those of the winning point in full precision. Which point wins is decided by
     `winners`: where two points are as near as its rounding, either may.
     """
-    batch, count, width = points.shape
-    index = winners(points.detach(), weight.detach(), shift.detach())
+    batch, _, width = points.shape
+    index = winners(points.detach(), weight.detach())
     rows = points.reshape(-1, width).index_select(0, index.view(-1))
-    products = rows.view(batch, len(weight), width) * weight
-    del rows, count
-    return products.sum(2) + shift
+    return (rows.view(batch, len(weight), width) * weight).sum(2) + shift
 
 
-def winners(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:
-    """Return (B, C) int64, the row in (B * N, K) of the point that has the largest product in each channel.
+def winners(points: Tensor, weight: Tensor) -> Tensor:
+    """Return (B, C) int64, the row in (B * N, K) of the point of each cloud that has the largest product W p.
 
-    On a CPU with bf16 matrix units, float32 products are made in bf16, so that the winner's is less than the true
-    maximum by at most about 2^-7 of the product's terms; else a float32 product is cut to 2^-13 of itself, which has
-    the same reason: a maximum with indices is several times slower than one without, so the number of the point is put
-    into the bits that are left over, and one maximum gives both.
+    A maximum with indices is several times slower than one without, so the number of the point is put into the low
+    bits of the product, and one maximum gives both. On a CPU with bf16 matrix units the product is made in bf16, which
+    leaves these bits empty: the winner is less than the true maximum by at most 2^-7 of the sum of its terms'
+    magnitudes. Else a float32 product is cut to 13 bits after its first.
     """
     batch, count, _ = points.shape
     first = torch.arange(0, batch * count, count, device=points.device)[:, None]
     if points.is_cuda or points.dtype != torch.float32 or count > _MOST_POINTS:
-        found = [torch.addmm(shift, cloud, weight.t()).max(0).indices for cloud in points]
-        return torch.stack(found) + first
+        return torch.stack([(weight @ cloud.t()).max(1).indices for cloud in points]) + first
     half = has_bf16_units()
     if half:
-        points, weight, shift = points.bfloat16(), weight.bfloat16(), shift.bfloat16()
-    number = torch.arange(count, dtype=torch.int32)[:, None]
-    product = torch.zeros(count, len(weight))
-    bits, columns = product.view(torch.int32), weight.t().contiguous()
+        points, weight = points.bfloat16(), weight.bfloat16()
+    number = torch.arange(count, dtype=torch.int32)
+    made = torch.zeros(len(weight), count, dtype=points.dtype)
+    product = made.float()  # the same memory where it is float32 already
+    bits = product.view(torch.int32)
     largest = torch.zeros(batch, len(weight))
     for cloud, place in zip(points, largest, strict=True):
-        product.copy_(torch.addmm(shift, cloud, columns))
-        if not half:
+        torch.mm(weight, cloud.t(), out=made)
+        if half:
+            product.copy_(made)
+        else:
             bits.bitwise_and_(~_NUMBER)
         bits.bitwise_or_(number)
-        torch.amax(product, 0, out=place)
+        torch.amax(product, 1, out=place)
     return largest.view(torch.int32).bitwise_and(_NUMBER).clamp_max(count - 1).long() + first
 
 
 _NUMBER = 0x3FF
+"""The bits that hold a point's number."""
 _MOST_POINTS = _NUMBER + 1
 
 

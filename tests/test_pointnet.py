@@ -81,9 +81,9 @@ def test_winners_lose_no_more_than_the_bound(monkeypatch, units):
     """The point found has a product within the stated rounding of the largest, with bf16 units and without."""
     monkeypatch.setattr("eigenbench.baselines.pointnet.has_bf16_units", lambda: units)
     draw = torch.Generator().manual_seed(5)
-    points, weight, shift = (torch.randn(s, generator=draw) for s in ((4, 1000, 128), (512, 128), (512,)))
-    index = winners(points, weight, shift)
-    products = points.view(-1, 128).double() @ weight.T.double() + shift
+    points, weight = (torch.randn(s, generator=draw) for s in ((4, 1000, 128), (512, 128)))
+    index = winners(points, weight)
+    products = points.view(-1, 128).double() @ weight.T.double()
     largest = products.view(4, 1000, 512).amax(1)
     found = products[index, torch.arange(512)]
     terms = (points.abs().amax(1) @ weight.abs().T).double()
