@@ -1,4 +1,4 @@
-"""Training: Adam, binary cross-entropy, batches of 32 pairs, a learning rate halved ten times, as in the paper's appendix.
+"""Training as in the paper's appendix: Adam, binary cross-entropy, batches of 32 pairs, a learning rate that is halved.
 
 The paper trains 100 epochs of 1,600 batches and halves every 10 epochs; a shorter run halves every tenth of its length.
 A run that is interrupted goes on where its last checkpoint stands and ends, on a CPU with the same number of threads,
@@ -6,9 +6,8 @@ with the same bits: the order of the pairs is drawn anew for each epoch from the
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +17,19 @@ from torch import Tensor
 
 from eigenbench.baselines.models import fill, make_model
 from eigenbench.baselines.pointnet import FORMS
-from eigenbench.baselines.run_folder import Progress, Settings, load_run, save_checkpoint, write_submission
-from eigenbench.dataset import Dataset, load
+from eigenbench.baselines.run_folder import CHECKPOINT, Progress, Settings, load_run, save_checkpoint, write_submission
+from eigenbench.baselines.settling import make_run_folder, memory_named, open_train_split, usable_device
+from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError, ModelError, UsageError, choose
 from eigenbench.frozen_subsets import Rows
-from eigenbench.manifest import MANIFEST
 from eigenbench.metrics import decide, one_group
-from eigenbench.tasks import find_task
 from eigenbench.validation_pairs import split_rows
 
 EPOCHS, BATCHES, BATCH_SIZE, LEARNING_RATE = 100, 1600, 32, 1e-3
 """The paper's."""
 HALVINGS = 10
 STEPS_A_CHECKPOINT = 100
-_FIELDS = ("env_points", "obj_points", "label")
+FIELDS = ("env_points", "obj_points", "label")
 _VALIDATION_BATCH = 250
 _ADAM = ("step", "exp_avg", "exp_avg_sq")
 
@@ -95,23 +93,13 @@ def train(
         a diverging loss, a checkpoint that does not fit, too little memory
     """
     schedule = schedule or Schedule()
-    dataset = _train_split(Path(data), task)
-    on = _device(device)
+    dataset = open_train_split(Path(data), task, FIELDS)
+    on = usable_device(device)
     torch.manual_seed(schedule.seed)
     net = make_model(model, dataset.task, schedule.form)  # type: ignore[arg-type]
-    settings = Settings(
-        model,
-        dataset.task.name,
-        dataset.manifest.digest,
-        schedule.epochs,
-        schedule.batches,
-        schedule.batch_size,
-        schedule.learning_rate,
-        schedule.seed,
-        schedule.form,
-    )
-    folder = _run_folder(Path(out), resume)
-    with _memory_named(schedule.batch_size):
+    settings = Settings(model, dataset.task.name, dataset.manifest.digest, **asdict(schedule))
+    folder = make_run_folder(Path(out), resume)
+    with memory_named(schedule.batch_size):
         run = _Run(net.to(on), dataset, folder, settings, schedule, on)
         run.go(progress or (lambda *_: None), tell or (lambda _: None))
     return folder
@@ -181,8 +169,8 @@ class _Run:
         return value
 
     def _read(self, rows: Rows) -> list[Tensor]:
-        batch = self.dataset.read(rows, _FIELDS)
-        return [torch.from_numpy(batch[name]).to(self.device) for name in _FIELDS]
+        batch = self.dataset.read(rows, FIELDS)
+        return [torch.from_numpy(batch[name]).to(self.device) for name in FIELDS]
 
     def validate(self) -> float:
         """Return the accuracy on the frozen validation index, decided as the benchmark decides."""
@@ -215,9 +203,7 @@ class _Run:
             self.adam.state[parameter] = state
 
     def _diverged(self, what: str) -> str:
-        kept = (
-            "The last good checkpoint is kept" if (self.folder / "checkpoint.safetensors").exists() else "None is kept"
-        )
+        kept = "The last good checkpoint is kept" if (self.folder / CHECKPOINT).exists() else "None is kept"
         return (
             f"Training diverged in epoch {self.at.epoch + 1}, step {self.at.step + 1}: {what}. {kept}. "
             "Train again into another --out with a lower --learning-rate."
@@ -229,52 +215,3 @@ def _decision(found: dict[str, Any]) -> np.ndarray[Any, Any]:
         return np.asarray((found["probability"] >= 0.5).cpu().numpy())
     env, obj = (found[f"{side}_lengths"].cpu().numpy() for side in ("env", "obj"))
     return np.asarray(decide(env, obj, found["groups"] or one_group(env.shape[1])))
-
-
-def _train_split(data: Path, task: str) -> Dataset:
-    name = find_task(task).name
-    places = (data, data / "train", data / name / "train")
-    dataset = load(next((p for p in places if (p / MANIFEST).is_file()), data), fields=_FIELDS)
-    recipe = dataset.manifest.recipe
-    if recipe.task != name:
-        msg = f"{dataset.folder} holds pairs of the task '{recipe.task}', not of '{name}'."
-        raise DataError(msg)
-    if recipe.split != "train":
-        msg = f"{dataset.folder} is the {recipe.split} split: it is for scores alone. Pass the train split."
-        raise DataError(msg)
-    return dataset
-
-
-def _device(name: str) -> torch.device:
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        msg = f"Device '{name}' cannot be used here: {str(error).splitlines()[0]}. Pass --device auto or cpu."
-        raise UsageError(msg) from error
-    return device
-
-
-def _run_folder(out: Path, resume: bool) -> Path:
-    if out.exists() and not resume and (not out.is_dir() or any(out.iterdir())):
-        msg = f"Run folder {out} exists already. Pass --resume to go on with it, or another --out."
-        raise UsageError(msg)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"Run folder {out} cannot be made: {error.strerror}. Pass another --out."
-        raise UsageError(msg) from error
-    return out
-
-
-@contextmanager
-def _memory_named(batch_size: int) -> Iterator[None]:
-    try:
-        yield
-    except (MemoryError, RuntimeError) as error:
-        if not isinstance(error, MemoryError) and "memory" not in str(error):
-            raise
-        msg = f"Too little memory for batches of {batch_size} pairs. Pass a smaller --batch-size, and --resume."
-        raise ModelError(msg) from error

@@ -4,8 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
+import torch
 
 from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded, projected_lengths
@@ -112,7 +111,7 @@ def test_order_of_points_and_company_do_not_matter(model, form):
 
 
 def test_success_is_the_product_of_sigmoids():
-    """log T and log(1 - T) are those of the paper's formula, of its DNF form, and stay finite far out."""
+    """Log T and log(1 - T) are those of the paper's formula, of its DNF form, and stay finite far out."""
     slack = torch.randn(50, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     sure = torch.sigmoid(slack)
     yes, no = log_success(slack)
