@@ -137,8 +137,9 @@ class _Run:
                 "seconds_a_step": at.seconds / self.batches,
             }
             self.at = Progress(at.epoch + 1, history=[*at.history, entry])
-            self._keep()
+            self._require_finite()
             write_submission(self.folder, self.settings, self.at, self.net.state_dict())
+            self._keep()  # last: a run that is cut off before it does this end again
             tell(entry)
 
     def _epoch(self, bar: Bar) -> None:
@@ -183,10 +184,13 @@ class _Run:
             right += int((_decision(found) == label.cpu().numpy()).sum())
         return right / len(self.validation)
 
-    def _keep(self) -> None:
-        tensors = {f"net.{name}": value for name, value in self.net.state_dict().items()}
-        if not all(torch.isfinite(value).all() for value in tensors.values()):
+    def _require_finite(self) -> None:
+        if not all(torch.isfinite(value).all() for value in self.net.state_dict().values()):
             raise ModelError(self._diverged("a weight is no finite number"))
+
+    def _keep(self) -> None:
+        self._require_finite()
+        tensors = {f"net.{name}": value for name, value in self.net.state_dict().items()}
         for number, parameter in enumerate(self.net.parameters()):
             tensors |= {f"adam.{number}.{name}": self.adam.state[parameter][name] for name in _ADAM}
         save_checkpoint(self.folder, self.settings, self.at, tensors)
@@ -203,7 +207,7 @@ class _Run:
             self.adam.state[parameter] = state
 
     def _diverged(self, what: str) -> str:
-        kept = "The last good checkpoint is kept" if (self.folder / CHECKPOINT).exists() else "None is kept"
+        kept = "The last good checkpoint is kept" if (self.folder / CHECKPOINT).exists() else "There is none yet"
         return (
             f"Training diverged in epoch {self.at.epoch + 1}, step {self.at.step + 1}: {what}. {kept}. "
             "Train again into another --out with a lower --learning-rate."
