@@ -14,7 +14,7 @@ from eigenbench.checkpoints import load_checkpoint
 from eigenbench.errors import ModelError, choose
 from eigenbench.tasks import TaskSpec
 
-MODELS = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
+MODELS: dict[str, Any] = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
 MODEL = "model"
 """Name of the metadata entry of a weights file that says which model they are of."""
 
