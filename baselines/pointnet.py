@@ -126,7 +126,10 @@ def largest_product(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:
     """
     batch, _, width = points.shape
     index = winners(points.detach(), weight.detach())
-    rows = points.reshape(-1, width).index_select(0, index.view(-1))
+    rows = points.reshape(-1, width)
+    if not torch.is_grad_enabled():  # a cloud at a time stays in the cache
+        return torch.stack([(rows.index_select(0, of_cloud) * weight).sum(1) for of_cloud in index]) + shift
+    rows = rows.index_select(0, index.view(-1))
     return (rows.view(batch, len(weight), width) * weight).sum(2) + shift
 
 

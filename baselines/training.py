@@ -162,7 +162,7 @@ class _Run:
             group["lr"] = self.schedule.rate(done, self.schedule.epochs * self.batches)
         self.adam.zero_grad()
         loss = self.net.loss(*self._read(rows))
-        value = loss.item()
+        value = float(loss.item())
         if not np.isfinite(value):
             raise ModelError(self._diverged(f"the loss is {value}"))
         loss.backward()
