@@ -46,7 +46,7 @@ check: $(VENV)/dev ## format, lint, types, layout
 	$(BIN)/python -m pytest -q tests/test_layout.py
 
 $(VENV)/bench: $(VENV)/core
-	$(PIP) -e '.[bench]'
+	$(PIP) -e '.[bench,torch]'
 	touch $@
 
 bench: $(VENV)/bench ## seconds, memory, ratios to other engines and mismatches of all tasks; BENCH=--quick is a tenth
@@ -54,6 +54,7 @@ bench: $(VENV)/bench ## seconds, memory, ratios to other engines and mismatches 
 	$(BIN)/python tests/bench_fit.py
 	$(BIN)/python tests/bench_tube.py
 	$(BIN)/python tests/bench_shapes.py
+	$(BIN)/python tests/bench_training.py
 
 clean: ## remove what the targets above made
 	rm -rf $(VENV) .typecheck build out/demo *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

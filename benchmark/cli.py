@@ -17,6 +17,7 @@ import typer
 
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
+from eigenbench.cli_train import train
 from eigenbench.console import SOURCES, Json, Workers, kept_told, progress_on
 from eigenbench.errors import DataError, EigenbenchError, UsageError, printable
 
@@ -31,6 +32,7 @@ app = typer.Typer(
 app.add_typer(shapes_app, name="shapes")
 for command in SHOWING:
     app.command()(command)
+app.command()(train)
 
 _INTERRUPTED = 130
 
@@ -65,7 +67,8 @@ def main() -> None:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
         print(
-            "error: interrupted. Finished shards are kept: the same `generate` goes on. So does `evaluate` with --out.",
+            "error: interrupted. Finished shards are kept: the same `generate` goes on. So do `evaluate` with --out "
+            "and `train` with --resume.",
             file=sys.stderr,
         )
     sys.exit(code)

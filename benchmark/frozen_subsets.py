@@ -28,7 +28,7 @@ def few_shot_draw(task: str, draw: int, pair_id: Ids, pairs: int = DRAW_PAIRS) -
 
     Draws of different numbers overlap as independent samples do. UsageError if the split is too small.
     """
-    return _smallest(f"few-shot {task} {draw}", pair_id, pairs)
+    return smallest_keys(f"few-shot {task} {draw}", pair_id, pairs)
 
 
 def nested_subset(task: str, chain: int, pair_id: Ids, pairs: int) -> Rows:
@@ -37,7 +37,7 @@ def nested_subset(task: str, chain: int, pair_id: Ids, pairs: int) -> Rows:
     Of one chain, a smaller subset is the beginning of each larger one; chains are independent orders.
     UsageError if the split is too small.
     """
-    return _smallest(f"data-efficiency {task} {chain}", pair_id, pairs)
+    return smallest_keys(f"data-efficiency {task} {chain}", pair_id, pairs)
 
 
 def ids_digest(pair_id: Ids) -> str:
@@ -45,7 +45,8 @@ def ids_digest(pair_id: Ids) -> str:
     return hashlib.sha256(np.ascontiguousarray(pair_id, dtype="<u8").tobytes()).hexdigest()
 
 
-def _smallest(name: str, pair_id: Ids, pairs: int) -> Rows:
+def smallest_keys(name: str, pair_id: Ids, pairs: int) -> Rows:
+    """Return the rows (pairs,) of the smallest keys under a name, in their order; UsageError if there are too few."""
     if not 1 <= pairs <= len(pair_id):
         msg = f"A subset of {pairs:,} pairs was asked for; the train split has {len(pair_id):,}. Pass a larger one."
         raise UsageError(msg)

@@ -8,6 +8,7 @@ References: PEP 307, PEP 3154, torch/_weights_only_unpickler.py of torch 2.13.
 """
 
 import io
+import pickle
 import pickletools
 import re
 import zipfile
@@ -85,9 +86,17 @@ def _check_file(path: Path) -> None:
         start = file.read(4)
         if start[:2] == b"PK":
             _check_archive(path)
-        elif start[:1] == b"\x80" or path.suffix.lower() in _PICKLED:
+        elif _may_be_pickle(start) or path.suffix.lower() in _PICKLED:
             file.seek(0)
             _check_stream(io.BytesIO(file.read(MAX_BYTES)))
+
+
+def _may_be_pickle(start: bytes) -> bool:
+    """Say whether a file that begins so can be unpickled: the mark, a protocol that exists, and an operation.
+
+    A safetensors file begins with the length of its header, and one in 32 of them with the mark; no operation is 0.
+    """
+    return start[:1] == b"\x80" and start[1:2] <= bytes([pickle.HIGHEST_PROTOCOL]) and start[2:3] != b"\0"
 
 
 def _check_archive(path: Path) -> None:

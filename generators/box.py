@@ -39,7 +39,7 @@ from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, blo
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 from eigenbench.tasks import faces_of
 
-SIDE = (0.06, 1.8)
+SIDE = (0.075, 1.7)
 """Width, length and height of a box, log-uniform, m."""
 OBJECT = (0.15, 1.2)
 """Diameter of an object under independent draws, log-uniform, m."""

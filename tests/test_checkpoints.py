@@ -146,6 +146,17 @@ def test_safetensors(tmp_path):
         eigenbench.load_checkpoint(path, task="fit")
 
 
+@pytest.mark.parametrize("length", [0x80, 0x280, 0x380, 0x580, 0x680, 0xFF80])
+def test_a_header_length_that_looks_like_a_pickle(tmp_path, length):
+    """A safetensors file whose first byte happens to be a pickle's mark is none: no operation of a pickle is 0."""
+    path = tmp_path / "w.safetensors"
+    text = json.dumps({"w": {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}}).encode().ljust(length)
+    path.write_bytes(struct.pack("<Q", length) + text + struct.pack("<2f", 1, 2))
+    check_checkpoint(path)
+    with path.open("rb") as file, pytest.raises((pickle.UnpicklingError, ValueError)):
+        pickle.load(file)
+
+
 def test_numpy_archives(tmp_path):
     """Arrays of numbers are read without torch."""
     np.savez(tmp_path / "w.npz", w=np.arange(3))

@@ -1,0 +1,85 @@
+"""The models by name, and a trained one read back from its weights as a submission."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from eigenbench.baselines.direct import Direct
+from eigenbench.baselines.grounded import Grounded
+from eigenbench.baselines.implicit import Implicit
+from eigenbench.baselines.pointnet import Form
+from eigenbench.checkpoints import load_checkpoint
+from eigenbench.errors import ModelError, choose
+from eigenbench.tasks import TaskSpec
+
+MODELS: dict[str, Any] = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
+MODEL = "model"
+"""Name of the metadata entry of a weights file that says which model they are of."""
+
+
+def make_model(name: str, task: TaskSpec, form: Form = "fast") -> Any:
+    """Return an untrained model, its weights drawn from torch's stream; UsageError for an unknown name."""
+    return MODELS[choose("model", name, MODELS)](task, form)
+
+
+def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Submission":
+    """Return the trained model whose weights a run folder keeps in `model.safetensors`.
+
+    ModelError if the file is damaged, for another task, names no model, or holds weights of another architecture.
+    """
+    path = Path(weights)
+    tensors = load_checkpoint(path, task.name, device)
+    name = metadata_of(path).get(MODEL, "")
+    if name not in MODELS:
+        msg = (
+            f"Weights {path.name} are of the model '{name}'; known: {', '.join(MODELS)}. `eigenbench train` makes them."
+        )
+        raise ModelError(msg)
+    net = make_model(name, task).to(device)
+    fill(net, tensors, path.name)
+    return Submission(net.eval(), task, device)
+
+
+def metadata_of(path: Path) -> dict[str, str]:
+    """Return the metadata of a safetensors file; ModelError if it cannot be read."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, "pt") as file:
+            return dict(file.metadata() or {})
+    except (OSError, SafetensorError) as error:
+        msg = f"Checkpoint {path.name} cannot be read: {' '.join(str(error).split())[:200]}."
+        raise ModelError(msg) from error
+
+
+def fill(net: nn.Module, tensors: dict[str, Tensor], place: str) -> None:
+    """Load weights by name; ModelError naming the first that is missing, left over or of another shape."""
+    own = net.state_dict()
+    for name in (*own, *tensors):
+        here, there = own.get(name), tensors.get(name)
+        if here is None or there is None or here.shape != there.shape:
+            shapes = [None if t is None else tuple(t.shape) for t in (there, here)]
+            msg = (
+                f"Checkpoint {place} is of another architecture: '{name}' is {shapes[0]} there and {shapes[1]} here. "
+                "Train again, or use the eigenbench that made it."
+            )
+            raise ModelError(msg)
+    net.load_state_dict(tensors)
+
+
+class Submission:
+    """A trained model as the benchmark asks for it."""
+
+    arrays = "torch"
+
+    def __init__(self, net: Any, task: TaskSpec, device: str) -> None:
+        self.net, self.device = net, device
+        self.grounded, self.tasks = net.grounded, (task.name,)
+
+    def predict(self, env: Tensor, obj: Tensor) -> dict[str, Any]:
+        """Answer for environments (B, M, 3) and objects (B, N, 3) in metres."""
+        with torch.inference_mode():
+            found = self.net.answer(env.to(self.device), obj.to(self.device))
+        return {name: value for name, value in found.items() if value is not None}

@@ -1,0 +1,64 @@
+"""The command `eigenbench train`. Part of the composition root."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eigenbench.console import Json, progress_on
+from eigenbench.errors import ModelError, printable
+
+
+def train(
+    model: Annotated[str, typer.Option(help="implicit, direct or grounded.")],
+    task: Annotated[str, typer.Option(help="The task to learn.")],
+    data: Annotated[Path, typer.Option(help="The train split, or the folder of `generate`.")] = Path("data"),
+    out: Annotated[Path | None, typer.Option(help="Run folder; default runs/train-<model>-<task>-<seed>.")] = None,
+    epochs: Annotated[int, typer.Option(help="The paper's number; far fewer do for most tasks.")] = 100,
+    batches: Annotated[int, typer.Option(help="Most batches of an epoch.")] = 1600,
+    batch_size: Annotated[int, typer.Option(help="Pairs of a batch.")] = 32,
+    learning_rate: Annotated[float, typer.Option(help="Adam's at first; halved ten times.")] = 1e-3,
+    seed: Annotated[int, typer.Option(help="Of the first weights and of the pairs' order.")] = 0,
+    form: Annotated[str, typer.Option(help="fast, or plain: the backbone's reference form.")] = "fast",
+    device: Annotated[str, typer.Option(help="auto, cpu, cuda, ...")] = "auto",
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Train a baseline. Its run folder is a submission: `eigenbench evaluate RUN/model.py`."""
+    try:
+        from eigenbench.baselines.training import Schedule
+        from eigenbench.baselines.training import train as run
+    except ImportError as error:
+        if (error.name or "").split(".")[0] not in ("torch", "safetensors"):
+            raise
+        msg = f"Training needs {error.name}; pip install 'eigenbench[torch]'."
+        raise ModelError(msg) from error
+    folder = out or Path("runs") / f"train-{model}-{task}-{seed}"
+    schedule = Schedule(epochs, batches, batch_size, learning_rate, seed, form)
+    with progress_on(as_json) as bar:
+        run(
+            model,
+            task,
+            data,
+            folder,
+            schedule,
+            device=device,
+            resume=resume,
+            progress=bar,
+            tell=None if as_json else _print_epoch,
+        )
+    history = json.loads((folder / "train.json").read_text(encoding="utf-8"))["history"]
+    if as_json:
+        print(json.dumps({"run": str(folder), "history": history}))
+        return
+    print(printable(f"run: {folder}, validation accuracy {history[-1]['validation_accuracy']:.4f}"))
+    print(printable(f"next: eigenbench evaluate {folder}/model.py --data .../{task}/test"))
+
+
+def _print_epoch(entry: dict[str, float]) -> None:
+    print(
+        f"epoch {entry['epoch']:.0f}: loss {entry['loss']:.4f}, "
+        f"validation accuracy {entry['validation_accuracy']:.4f}, {1e3 * entry['seconds_a_step']:.0f} ms a step",
+        flush=True,
+    )

@@ -1,0 +1,47 @@
+"""Seconds of one training step, forward, backward and Adam, in the fast and in the plain form of the backbone.
+
+make bench
+"""
+
+import sys
+import time
+
+import torch
+
+from eigenbench.baselines.direct import Direct
+from eigenbench.baselines.grounded import Grounded
+from eigenbench.baselines.implicit import Implicit
+from eigenbench.baselines.pointnet import Form, has_bf16_units
+from eigenbench.tasks import TASKS
+
+BATCH, POINTS = 32, 1024
+
+
+def step_seconds(model: type, form: Form, steps: int) -> float:
+    """Return the least seconds of a step on random clouds."""
+    torch.manual_seed(0)
+    net = model(TASKS["tube"], form)
+    adam = torch.optim.Adam(net.parameters(), fused=True)
+    env, obj, label = torch.rand(BATCH, POINTS, 3), torch.rand(BATCH, POINTS, 3), torch.arange(BATCH) % 2 == 0
+    least = float("inf")
+    for _ in range(steps):
+        start = time.perf_counter()
+        adam.zero_grad()
+        net.loss(env, obj, label).backward()
+        adam.step()
+        least = min(least, time.perf_counter() - start)
+    return least
+
+
+def main() -> None:
+    """Print a line for each model."""
+    torch.set_flush_denormal(True)
+    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, bf16 units: {has_bf16_units()}")
+    for model in (Implicit, Direct, Grounded):
+        fast, plain = step_seconds(model, "fast", 10), step_seconds(model, "plain", 3)
+        line = f"{model.__name__}: fast {1e3 * fast:.0f} ms, plain {1e3 * plain:.0f} ms, {plain / fast:.1f} times"
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

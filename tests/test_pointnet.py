@@ -1,0 +1,140 @@
+"""The fast backbone against the plain one: values, gradients, running statistics; the models' closed forms."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+
+from eigenbench.baselines.direct import Direct
+from eigenbench.baselines.grounded import Grounded, projected_lengths
+from eigenbench.baselines.implicit import Implicit
+from eigenbench.baselines.layers import log_success
+from eigenbench.baselines.pointnet import PointNet, winners
+from eigenbench.tasks import TASKS
+
+MODELS = (Direct, Implicit, Grounded)
+
+
+def clouds(batch=6, count=300, dtype=torch.float64, seed=0):
+    draw = torch.Generator().manual_seed(seed)
+    size = 0.2 + torch.rand(batch, 1, 3, generator=draw, dtype=dtype)
+    return torch.randn(batch, count, 3, generator=draw, dtype=dtype) * size + 0.1
+
+
+def forms(make, dtype=torch.float64):
+    """Return two modules of equal random weights, norms included: one fast, one plain."""
+    torch.manual_seed(3)
+    fast = make().to(dtype)
+    with torch.no_grad():
+        for name, values in fast.named_parameters():
+            if "norm" in name:
+                values += 0.5 * torch.randn_like(values)  # some scales become negative: the minimum wins there
+    plain = copy.deepcopy(fast)
+    for module in plain.modules():
+        if isinstance(module, PointNet):
+            module.form = "plain"
+    return fast, plain
+
+
+def test_fast_form_has_the_plain_gradients():
+    """In float64 values, gradients of weights and of points, and running statistics agree to 1e-9."""
+    fast, plain = forms(PointNet)
+    seen = []
+    for net in (fast, plain):
+        cloud = clouds().requires_grad_()
+        whole, each = net.with_points(cloud)
+        pull = torch.linspace(-1, 1, whole.numel(), dtype=torch.float64).view_as(whole)
+        ((whole * pull).sum() + (each**2).mean()).backward()
+        values = [whole.detach(), each.detach(), cloud.grad, *(p.grad for p in net.parameters()), *net.buffers()]
+        seen.append(values)
+    for ours, reference in zip(*seen, strict=True):
+        assert torch.allclose(ours.double(), reference.double(), rtol=1e-9, atol=1e-9)
+    assert fast.layers[2].norm.weight.min() < 0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_models_have_the_plain_gradients(model):
+    """A whole training step agrees too, for every model."""
+    fast, plain = forms(lambda: model(TASKS["tube"]))
+    env, obj, label = clouds(), clouds(seed=1), torch.arange(6) % 2 == 0
+    losses = [net.loss(env, obj, label) for net in (fast, plain)]
+    assert losses[0].item() == pytest.approx(losses[1].item(), rel=1e-9)
+    for loss in losses:
+        loss.backward()
+    for (name, ours), reference in zip(fast.named_parameters(), plain.parameters(), strict=True):
+        assert torch.allclose(ours.grad, reference.grad, rtol=1e-7, atol=1e-9), name
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_float32_step_stays_within_rounding(model):
+    """In float32, as it is trained, the fast loss is the exact one to the rounding of the search for the winner."""
+    fast, plain = forms(lambda: model(TASKS["tube"]), torch.float32)
+    env, obj, label = clouds(dtype=torch.float32), clouds(seed=1, dtype=torch.float32), torch.arange(6) % 2 == 0
+    exact = copy.deepcopy(plain).double().loss(env.double(), obj.double(), label)
+    assert fast.loss(env, obj, label).item() == pytest.approx(exact.item(), rel=1e-2)
+
+
+@pytest.mark.parametrize("units", [True, False])
+def test_winners_lose_no_more_than_the_bound(monkeypatch, units):
+    """The point found has a product within the stated rounding of the largest, with bf16 units and without."""
+    monkeypatch.setattr("eigenbench.baselines.pointnet.has_bf16_units", lambda: units)
+    draw = torch.Generator().manual_seed(5)
+    points, weight = (torch.randn(s, generator=draw) for s in ((4, 1000, 128), (512, 128)))
+    index = winners(points, weight)
+    products = points.view(-1, 128).double() @ weight.T.double()
+    largest = products.view(4, 1000, 512).amax(1)
+    found = products[index, torch.arange(512)]
+    terms = (points.abs().amax(1) @ weight.abs().T).double()
+    bound = 2**-7 * terms if units else 2**-12 * largest.abs() + 1e-4
+    assert (index // 1000 == torch.arange(4)[:, None]).all()
+    assert (found <= largest + 1e-12).all()
+    assert (largest - found <= bound).all()
+    assert (found == largest).double().mean() > (0.7 if units else 0.99)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("form", ["fast", "plain"])
+def test_order_of_points_and_company_do_not_matter(model, form):
+    """In evaluation mode an answer depends on its own pair alone; without strides, not on the points' order."""
+    torch.manual_seed(0)
+    net = model(TASKS["fit"], form).double().eval()
+    env, obj = clouds(count=256), clouds(count=256, seed=1)
+    with torch.no_grad():
+        whole = net.answer(env, obj)
+        alone = net.answer(env[2:3], obj[2:3])
+        turned = net.answer(env if model is Grounded else env.flip(1), obj.flip(1))
+    for name, values in whole.items():
+        if values is not None:
+            assert torch.allclose(values[2:3], alone[name], rtol=1e-9, atol=1e-12)
+            assert torch.allclose(values, turned[name], rtol=1e-9, atol=1e-12)
+
+
+def test_success_is_the_product_of_sigmoids():
+    """Log T and log(1 - T) are those of the paper's formula, of its DNF form, and stay finite far out."""
+    slack = torch.randn(50, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    sure = torch.sigmoid(slack)
+    yes, no = log_success(slack)
+    assert torch.allclose(yes.exp(), sure.prod(1))
+    assert torch.allclose(no.exp(), 1 - sure.prod(1))
+    yes, no = log_success(slack, ((0, 1), (2, 3)))
+    fails = (1 - sure[:, 0] * sure[:, 1]) * (1 - sure[:, 2] * sure[:, 3])
+    assert torch.allclose(yes.exp(), 1 - fails)
+    assert torch.allclose(no.exp(), fails)
+    for far in (-1e4, 1e4):
+        for groups in (None, ((0,), (1,))):
+            slack = torch.full((3, 2), far, requires_grad=True)
+            both = log_success(slack, groups)
+            assert all(torch.isfinite(v).all() for v in both)
+            sum(v.sum() for v in both).backward()
+            assert torch.isfinite(slack.grad).all()
+
+
+def test_projection_measures_a_box():
+    """Along the axes, planes through opposite faces and a box's corners give its sides."""
+    corners = torch.tensor([[x, y, z] for x in (0, 2) for y in (0, 3) for z in (0, 4)], dtype=torch.float64)[None]
+    points = torch.zeros(1, 3, 2, 3, dtype=torch.float64)
+    points[0, :, 1] = torch.diag(torch.tensor([5.0, 6.0, 7.0], dtype=torch.float64))
+    env_lengths, obj_lengths = projected_lengths(torch.eye(3, dtype=torch.float64)[None], points, corners)
+    assert np.array_equal(env_lengths.numpy(), [[5, 6, 7]])
+    assert np.array_equal(obj_lengths.numpy(), [[2, 3, 4]])
