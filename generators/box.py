@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, objects_only
-from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model
+from eigenbench.generators.fcl_engine import Flags, Points, Sweep, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -199,9 +199,9 @@ def reference(pair: Pair) -> Sweep:
     first = np.repeat(4 * np.arange(len(corners)), 2)[:, None]
     triangles = first + np.tile([[0, 1, 2], [0, 2, 3]], (len(corners), 1))
 
-    def inside(placement: Points) -> bool:
-        low, high = (posed.hull + placement).min(axis=0), (posed.hull + placement).max(axis=0)
-        return not (np.any((low <= -half) & faces[::2]) or np.any((high >= half) & faces[1::2]))
+    def inside(placements: Points) -> Flags:
+        low, high = posed.hull.min(axis=0) + placements, posed.hull.max(axis=0) + placements
+        return np.asarray(~np.any(((low <= -half) & faces[::2]) | ((high >= half) & faces[1::2]), axis=1))
 
     walls = mesh_model(np.concatenate(corners) / posed.size, triangles)
     return Sweep.of(walls, hull_model(pair), inside, posed.turn, posed.size)

@@ -12,13 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel, referable
+from eigenbench.generators.compiled import kernel, leaf, referable
 from eigenbench.generators.contacts import SLABS, Floats, Vector, contact, cross, dot, edges, new_slabs, reach
 from eigenbench.generators.lattice import crossing, vote
 from eigenbench.generators.trees import Indices, Integers, Trees
 
 HINTS = 256
 """Contacts remembered within a pair."""
+Tree = tuple[NDArray[np.float32], Indices, Floats, Indices]
+"""Boxes, links, faces and their order, see `Sweep`."""
+Remembered = tuple[Floats, Integers, Integers, Floats]
+"""The arrays of `Hints`."""
 _PAD = 1e-12
 """Boxes are grown by this, for the rounding of their tests; the object's size is 1."""
 
@@ -117,6 +121,45 @@ def sweep_of(
 
 
 @kernel
+def resized(sweep: Sweep, ratio: float) -> Sweep:
+    """Return the sweep of the same object `ratio` times as large, with the same hints, which are forgotten."""
+    factor, k = 1.0 / ratio, len(sweep.obstacles)
+    obstacles, sides, inverse = np.zeros((k, 3, 3)), np.zeros((k, 5, 8)), np.zeros((3, 3))
+    _shrink(sweep.obstacles, sweep.sides, sweep.inverse, factor, obstacles, sides, inverse)
+    sweep.hints.known[0] = 0
+    return Sweep(
+        sweep.faces, sweep.boxes, sweep.links, sweep.order, obstacles, sides, sweep.queue, inverse, sweep.hints
+    )
+
+
+@leaf
+def _shrink(
+    obstacles: Floats,
+    sides: Floats,
+    inverse: Floats,
+    factor: float,
+    out: Floats,
+    out_sides: Floats,
+    out_inverse: Floats,
+) -> None:
+    """Write obstacles, their sides and the inverse times `factor`; unit axes stay, and what boxes are grown by."""
+    for i in range(3):
+        for j in range(3):
+            out_inverse[i, j] = factor * inverse[i, j]
+    for b in range(len(obstacles)):
+        for i in range(3):
+            for j in range(3):
+                out[b, i, j] = factor * obstacles[b, i, j]
+            out_sides[b, 0, i] = factor * sides[b, 0, i]
+            out_sides[b, 0, 3 + i] = factor * (sides[b, 0, 3 + i] - _PAD) + _PAD
+        for side in range(1, 5):
+            for i in range(6):
+                out_sides[b, side, i] = sides[b, side, i]
+            out_sides[b, side, 6] = factor * sides[b, side, 6]
+            out_sides[b, side, 7] = factor * (sides[b, side, 7] - _PAD) + _PAD
+
+
+@leaf
 def _bound(t: Floats, b: int, sides: Floats) -> None:
     """Write obstacle b's box, its plane, and the planes through its edges across it."""
     for k in range(3):
@@ -142,23 +185,31 @@ def first_free(sweep: Sweep, translations: Floats) -> int:
 
     Translations are of the object's origin, scene frame.
     """
-    inverse, polytopes, order, known = sweep.inverse, sweep.hints.polytopes, sweep.hints.order, sweep.hints.known
+    hints = sweep.hints
+    seen = (hints.polytopes, hints.order, hints.known, hints.scratch)
+    tree = (sweep.boxes, sweep.links, sweep.faces, sweep.order)
+    return _first_free(tree, sweep.obstacles, sweep.sides, sweep.queue, sweep.inverse, seen, translations)
+
+
+@leaf
+def _first_free(
+    tree: Tree,
+    obstacles: Floats,
+    sides: Floats,
+    queue: Integers,
+    inverse: Floats,
+    seen: Remembered,
+    translations: Floats,
+) -> int:
+    polytopes, order, known, _slabs = seen
     for i in range(len(translations)):
         u = _moved(inverse, translations[i, 0], translations[i, 1], translations[i, 2])
-        if not (_known(polytopes, order, known[0], u) or _search(sweep, u)):
+        if not (_known(polytopes, order, known[0], u) or _search(tree, obstacles, sides, queue, seen, u)):
             return i
     return -1
 
 
-@kernel
-def touches(sweep: Sweep, x: float, y: float, z: float) -> bool:
-    """Say whether the object, its origin at (x, y, z) in the scene frame, touches an obstacle."""
-    u = _moved(sweep.inverse, x, y, z)
-    hints = sweep.hints
-    return _known(hints.polytopes, hints.order, hints.known[0], u) or _search(sweep, u)
-
-
-@kernel
+@leaf
 def _moved(m: Floats, x: float, y: float, z: float) -> Vector:
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
@@ -167,12 +218,11 @@ def _moved(m: Floats, x: float, y: float, z: float) -> Vector:
     )
 
 
-@kernel
-def _search(sweep: Sweep, u: Vector) -> bool:
+@leaf
+def _search(tree: Tree, obstacles: Floats, sides: Floats, queue: Integers, seen: Remembered, u: Vector) -> bool:
     """Look for a contact at u, and remember it."""
-    # Records of arrays are slow to hand on: every call counts references to each of them.
-    boxes, links, faces, order = sweep.boxes, sweep.links, sweep.faces, sweep.order
-    obstacles, sides, queue, slabs = sweep.obstacles, sweep.sides, sweep.queue, sweep.hints.scratch
+    boxes, links, faces, order = tree
+    slabs = seen[3]
     for place in range(len(queue)):
         obstacle = queue[place]
         if _misses(boxes, 0, sides, obstacle, u):
@@ -180,13 +230,13 @@ def _search(sweep: Sweep, u: Vector) -> bool:
         found = _meets(boxes, links, faces, order, obstacles, sides, obstacle, u, slabs)
         if found > 0:
             if found == 1:
-                _remember(sweep.hints)
+                _remember(seen)
             queue[place], queue[place // 2] = queue[place // 2], obstacle
             return True
     return False
 
 
-@kernel
+@leaf
 def _known(polytopes: Floats, order: Integers, count: int, u: Vector) -> bool:
     """Say whether a known contact holds at u, and try it earlier the next time."""
     for place in range(count):
@@ -199,7 +249,7 @@ def _known(polytopes: Floats, order: Integers, count: int, u: Vector) -> bool:
     return False
 
 
-@kernel
+@leaf
 def _within(polytopes: Floats, number: int, u: Vector) -> bool:
     for k in range(SLABS):
         value = polytopes[number, k, 0] * u[0] + polytopes[number, k, 1] * u[1] + polytopes[number, k, 2] * u[2]
@@ -208,16 +258,16 @@ def _within(polytopes: Floats, number: int, u: Vector) -> bool:
     return True
 
 
-@kernel
-def _remember(hints: Hints) -> None:
-    """Keep the polytope in `scratch`, in place of the least successful one if there is no room.
+@leaf
+def _remember(seen: Remembered) -> None:
+    """Keep the polytope in the slabs, in place of the least successful one if there is no room.
 
     Its slabs are ordered by width, since the narrow ones exclude most.
     """
-    place = min(hints.known[0], HINTS - 1)
-    hints.known[0] = place + 1
-    number = hints.order[place]
-    slabs, polytopes = hints.scratch, hints.polytopes
+    polytopes, order, known, slabs = seen
+    place = min(known[0], HINTS - 1)
+    known[0] = place + 1
+    number = order[place]
     for row in range(SLABS):
         width = _square_width(slabs[row, 0], slabs[row, 1], slabs[row, 2], slabs[row, 4] - slabs[row, 3])
         slabs[row, 5] = width
@@ -230,13 +280,13 @@ def _remember(hints: Hints) -> None:
             polytopes[number, at, k] = slabs[row, k]
 
 
-@kernel
+@leaf
 def _square_width(x: float, y: float, z: float, width: float) -> float:
     square = x * x + y * y + z * z
     return width * width / square if square > 0.0 else np.inf
 
 
-@kernel
+@leaf
 def _meets(
     boxes: NDArray[np.float32],
     links: Indices,
@@ -263,7 +313,7 @@ def _meets(
     return 0
 
 
-@kernel
+@leaf
 def _misses(boxes: NDArray[np.float32], node: int, sides: Floats, b: int, u: Vector) -> bool:
     """Say whether a node's box, moved by u, lies beyond a side of obstacle b's box or of its prism."""
     x, y, z = boxes[node, 0] + u[0], boxes[node, 1] + u[1], boxes[node, 2] + u[2]
@@ -345,17 +395,21 @@ def inside_solid(point: Floats, triangles: Floats) -> bool:
     vote by their signed crossings before and after it. For a closed surface all three agree, also where bodies
     overlap; for an open or broken one the majority of those that agree with themselves decides.
     """
-    votes = _line_vote(point, triangles, 2, 0, 1) + _line_vote(point, triangles, 0, 1, 2)
+    corners = np.zeros((3, 3))
+    votes = _line_vote(point, triangles, 2, 0, 1, corners) + _line_vote(point, triangles, 0, 1, 2, corners)
     if abs(votes) < 2:
-        votes += _line_vote(point, triangles, 1, 0, 2)
+        votes += _line_vote(point, triangles, 1, 0, 2, corners)
     return bool(votes > 0)
 
 
-@kernel
-def _line_vote(point: Floats, triangles: Floats, axis: int, b: int, c: int) -> int:
-    """Return the vote of the line along an axis through a point; b and c are the two other axes, in order."""
+@leaf
+def _line_vote(point: Floats, triangles: Floats, axis: int, b: int, c: int, corners: Floats) -> int:
+    """Return the vote of the line along an axis through a point; b and c are the two other axes, in order.
+
+    `corners` (3, 3) is overwritten.
+    """
     before, after = 0, 0
-    pb, pc, corners = point[b], point[c], np.zeros((3, 3))
+    pb, pc = point[b], point[c]
     for f in range(len(triangles)):
         corner, e, g = triangles[f, 0, b], triangles[f, 1, b], triangles[f, 2, b]
         if pb < corner + min(0.0, e, g) or pb > corner + max(0.0, e, g):

@@ -36,10 +36,22 @@ _FOLDER = cache_folder() / "kernels" / sources_digest()
 
 def kernel(function: F) -> F:
     """Compile `function` to machine code on its first call; later processes load it from disk."""
+    return _compiled(function)
+
+
+def leaf(function: F) -> F:
+    """Compile a kernel of an inner loop, which neither makes arrays nor takes what `by_reference` returns.
+
+    It does not count references to its arrays, on which a sweep would spend two fifths of its time.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def _compiled(function: F, **options: bool) -> F:
     before = config.CACHE_DIR
     config.CACHE_DIR = before or str(_FOLDER)
     try:
-        compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
     return compiled

@@ -11,7 +11,7 @@ Triangles are rows (3, 3) of a corner and the two edges that leave it, as in `Su
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, leaf
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -29,7 +29,7 @@ def new_slabs() -> Floats:
     return np.zeros((_ROOM, 6))
 
 
-@kernel
+@leaf
 def contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats) -> int:
     """Say whether triangle A = a[i] moved by u touches triangle B = b[j].
 
@@ -67,7 +67,7 @@ def contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats) -> i
     return 2 if _flat_contact(a, i, b, j, u, slabs) else 0
 
 
-@kernel
+@leaf
 def _flat_contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats) -> bool:
     """Look at the slabs that matter only where A or B is a segment or a point."""
     ea, eb = edges(a, i), edges(b, j)
@@ -90,26 +90,26 @@ def _flat_contact(a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats
     return True
 
 
-@kernel
+@leaf
 def dot(a: Vector, b: Vector) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel
+@leaf
 def cross(a: Vector, b: Vector) -> Vector:
     """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
+@leaf
 def edges(t: Floats, i: int) -> Edges:
     """Return the three edges of triangle t[i]: both that leave its corner, and the one across."""
     e, f = (t[i, 1, 0], t[i, 1, 1], t[i, 1, 2]), (t[i, 2, 0], t[i, 2, 1], t[i, 2, 2])
     return e, f, (f[0] - e[0], f[1] - e[1], f[2] - e[2])
 
 
-@kernel
+@leaf
 def _longest(edges: Edges) -> Vector:
     best = edges[0]
     for k in range(1, 3):
@@ -118,7 +118,7 @@ def _longest(edges: Edges) -> Vector:
     return best
 
 
-@kernel
+@leaf
 def reach(axis: Vector, t: Floats, i: int) -> tuple[float, float]:
     """Return the least and the greatest axis . point over triangle t[i]."""
     corner = axis[0] * t[i, 0, 0] + axis[1] * t[i, 0, 1] + axis[2] * t[i, 0, 2]
@@ -127,7 +127,7 @@ def reach(axis: Vector, t: Floats, i: int) -> tuple[float, float]:
     return corner + min(0.0, first, second), corner + max(0.0, first, second)
 
 
-@kernel
+@leaf
 def _slab(axis: Vector, a: Floats, i: int, b: Floats, j: int, u: Vector, slabs: Floats, row: int) -> bool:
     """Write the slab of B - A along an axis and say whether u lies in it."""
     low_a, high_a = reach(axis, a, i)

@@ -9,7 +9,7 @@ import numpy as np
 from eigenbench.generators.circles import enclosing_circle, unit_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_model, objects_only
-from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
+from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -173,9 +173,10 @@ def reference(pair: Pair) -> Sweep:
     a = np.arange(1, SIDES_OF_WALL - 1)
     faces = np.concatenate([faces, np.stack([0 * a, a, a + 1], axis=1)])
 
-    def inside(placement: Points) -> bool:
-        at = posed.hull + placement
-        return bool(np.all(np.hypot(at[:, 0], at[:, 1]) < radius) and np.all(np.abs(at[:, 2]) < height / 2))
+    def inside(placements: Points) -> Flags:
+        at = posed.hull + placements[:, None]
+        held = (np.hypot(at[..., 0], at[..., 1]) < radius) & (np.abs(at[..., 2]) < height / 2)
+        return np.asarray(held.all(axis=1))
 
     return Sweep.of(mesh_model(vertices / posed.size, faces), hull_model(pair), inside, posed.turn, posed.size)
 

@@ -7,7 +7,7 @@ finds no contact *and* the object lies inside the ideal solid, which the task's 
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import fcl
 import numpy as np
@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Inside: TypeAlias = Callable[[Points], Flags]
 Model: TypeAlias = fcl.CollisionGeometry
 
+_BATCH = 64
+"""Most placements that are asked about together whether they are inside."""
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()
 _SIGNS = np.array(list(product((-1, 0, 1), repeat=3)), dtype=np.float64)
@@ -38,28 +42,63 @@ def soup_model(triangles: Points) -> fcl.BVHModel:
     return mesh_model(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
-def bounds(triangles: Points) -> tuple[Points, Points]:
-    """Return the lowest and highest coordinates (n, 3) of triangles (n, 3, 3)."""
-    return triangles.min(axis=1), triangles.max(axis=1)
+class Limits(NamedTuple):
+    """What `near` needs of triangles: lowest and highest coordinates (3, n), axis by axis."""
+
+    lowest: Points
+    highest: Points
 
 
-def near(triangles: Points, points: Points, limits: tuple[Points, Points] | None = None) -> NDArray[np.bool_]:
+def limits_of(triangles: Points) -> Limits:
+    """Return the limits of triangles (n, 3, 3)."""
+    return Limits(np.ascontiguousarray(triangles.min(axis=1).T), np.ascontiguousarray(triangles.max(axis=1).T))
+
+
+def near(triangles: Points, points: Points, limits: Limits | None = None) -> Flags:
     """Mark the triangles (n, 3, 3) that the convex hull of points (m, 3) might touch; no other can.
 
-    Those that none of 13 directions separates from it: the axes, and the diagonals of faces and of the cube.
-    `limits` are the triangles' `bounds`, where they are known.
+    Those that none of these directions separates from it: the axes, the diagonals of faces and of the cube, and the
+    triangle's own normal. `limits` are the triangles', where they are known.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    lowest, highest = limits or bounds(triangles)
-    met: NDArray[np.bool_] = np.all((highest >= low) & (lowest <= high), axis=1)
-    if not met.any():
-        return met
-    along, own = triangles[met] @ _DIAGONALS, points @ _DIAGONALS
-    room = 1e-9 * (1 + np.abs(own).max())  # rounding separates nothing
-    met[met] = np.all(
-        (along.max(axis=1) >= own.min(axis=0) - room) & (along.min(axis=1) <= own.max(axis=0) + room), axis=1
-    )
+    met: Flags = np.ones(len(triangles), dtype=np.bool_)
+    for low, high, lowest, highest in zip(
+        points.min(axis=0), points.max(axis=0), *(limits or limits_of(triangles)), strict=True
+    ):
+        met &= (highest >= low) & (lowest <= high)
+    for separated in (_by_diagonals, _by_planes):
+        found = np.flatnonzero(met)
+        if len(found) > 0:
+            met[found[separated(triangles[found], points)]] = False
     return met
+
+
+def _by_diagonals(triangles: Points, points: Points) -> Flags:
+    along, own = triangles @ _DIAGONALS, points @ _DIAGONALS
+    room = _room(points)
+    return np.asarray(
+        np.any((along.max(axis=1) < own.min(axis=0) - room) | (along.min(axis=1) > own.max(axis=0) + room), axis=1)
+    )
+
+
+def _by_planes(triangles: Points, points: Points) -> Flags:
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    above = points @ normal.T - np.einsum("ij,ij->i", normal, triangles[:, 0])
+    room = _room(points) * np.abs(normal).sum(axis=1)
+    return np.asarray((above.min(axis=0) > room) | (above.max(axis=0) < -room))
+
+
+def facing(triangles: Points, others: Points) -> Flags:
+    """Mark the triangles (n, 3, 3) whose boxes meet that of one of the others (m, 3, 3); no other touches one."""
+    own, theirs, met = limits_of(triangles), limits_of(others), np.ones((len(triangles), len(others)), dtype=np.bool_)
+    room = _room(triangles)
+    for lowest, highest, low, high in zip(*own, *theirs, strict=True):
+        met &= (highest[:, None] >= low - room) & (lowest[:, None] <= high + room)
+    return np.asarray(met.any(axis=1))
+
+
+def _room(points: Points) -> float:
+    """Return how far apart what is separated lies at least, so that rounding separates nothing."""
+    return float(1e-9 * (1 + np.abs(points).max()))
 
 
 def peg(radius: float, length: float) -> fcl.Cylinder:
@@ -93,21 +132,21 @@ class Sweep:
     thing : the object, in units of `unit`, about its origin
     turn : (3, 3) its rotation
     unit : m; a tree that is cached at size 1 serves every size this way
-    inside : says whether a placement (3,) in metres puts the object inside the ideal solid
+    inside : says which placements (k, 3) in metres put the object inside the ideal solid, (k,)
     """
 
     walls: fcl.CollisionObject
     thing: fcl.CollisionObject
     turn: Points
     unit: float
-    inside: Callable[[Points], bool]
+    inside: Inside
 
     @classmethod
     def of(
         cls,
         walls: Model,
         thing: Model,
-        inside: Callable[[Points], bool],
+        inside: Inside,
         turn: Points = _IDENTITY,
         unit: float = 1.0,
     ) -> "Sweep":
@@ -127,13 +166,16 @@ class Sweep:
 
     def is_free(self, placement: Points) -> bool:
         """Say whether a placement (3,) is inside and without contact."""
-        return self.inside(placement) and not self.touches(placement)
+        return self.first_free(placement[None]) == 0
 
     def first_free(self, placements: Points) -> int:
         """Return the index of the first free placement of (k, 3), -1 where none is: the plain sweep."""
-        for index, placement in enumerate(placements):
-            if self.is_free(placement):
-                return index
+        start, batch = 0, 1
+        while start < len(placements):
+            for index in start + np.flatnonzero(self.inside(placements[start : start + batch])):
+                if not self.touches(placements[index]):
+                    return int(index)
+            start, batch = start + batch, min(8 * batch, _BATCH)
         return -1
 
 

@@ -211,7 +211,7 @@ def swept_margin(
     free = search(key, pair, 0, room.end, room, body, size, scene, contacts)
     low, high = (size, limit) if free >= 0 else (0.0, min(size, limit))
     if high > best:
-        low = largest_free(key, pair, free, low, high, room, body, scene, objects, trees, hints)
+        low = largest_free(key, pair, free, low, high, room, body, scene, size, contacts)
     if free >= 0 and not law.guided:
         contacts = contacts_at(size, scene, objects, trees, hints)
         free = search(key, pair, room.guided, room.end, room, body, size, scene, contacts)

@@ -1,13 +1,12 @@
 """`fit` as FCL sees it: the environment's mesh, the object's, and whether the object stands inside a cavity."""
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eigenbench.generators.family import Pair, hull_model, object_model
-from eigenbench.generators.fcl_engine import Points, Sweep, bounds, near, soup_model
+from eigenbench.generators.compiled import leaf
+from eigenbench.generators.family import Pair, object_model
+from eigenbench.generators.fcl_engine import Flags, Inside, Limits, Points, Sweep, facing, limits_of, near, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.rooms import CLEAR, across
 from eigenbench.generators.shapes import Cavity
@@ -22,21 +21,18 @@ def reference(pair: Pair) -> Sweep:
 
 
 def confirm(pair: Pair) -> bool:
-    """Ask about the object's hull and only the faces near it: what a hull does not touch, its mesh does not.
-
-    Where the hull does touch, the whole mesh is asked.
-    """
+    """Ask about those faces of both meshes alone that could touch at the witness."""
     posed, triangles = pair.posed(), _unit_triangles(pair)
-    limits = _limits(pair.stock.of("environment"), pair.env_index)
-    placed = posed.placement(np.asarray(pair.of("witness")))
-    met = near(triangles, (posed.hull + placed) / pair.env_size, limits)
+    placed, size = posed.placement(np.asarray(pair.of("witness"))), posed.size / pair.env_size
     inside = _inside(pair, posed.hull)
+    met = near(triangles, (posed.hull + placed) / pair.env_size, _limits(pair.stock.of("environment"), pair.env_index))
     if not met.any():
-        return inside(placed)
-    walls = soup_model(triangles[met] * (pair.env_size / posed.size))
-    if Sweep.of(walls, hull_model(pair), inside, posed.turn, posed.size).is_free(placed):
-        return True
-    return reference(pair).is_free(placed)
+        return bool(inside(placed[None])[0])
+    thing, walls = _triangles(pair.stock.of("object"), pair.obj_index), triangles[met] / size
+    own = facing(thing @ posed.turn.T + placed / posed.size, walls)
+    if not own.any():
+        return bool(inside(placed[None])[0])
+    return Sweep.of(soup_model(walls), soup_model(thing[own]), inside, posed.turn, posed.size).is_free(placed)
 
 
 def _unit_triangles(pair: Pair) -> Points:
@@ -49,22 +45,29 @@ def _triangles(library: Library, shape: int) -> Points:
 
 
 @lru_cache(maxsize=1024)
-def _limits(library: Library, shape: int) -> tuple[Points, Points]:
-    return bounds(_triangles(library, shape))
+def _limits(library: Library, shape: int) -> Limits:
+    return limits_of(_triangles(library, shape))
 
 
-def _inside(pair: Pair, hull: Points) -> Callable[[Points], bool]:
+def _inside(pair: Pair, hull: Points) -> Inside:
     """Return what says whether an object stands inside a cavity, and not inside of a solid."""
     scale, library = pair.env_size, pair.stock.of("environment")
     cavities = library.measures[pair.env_index].cavities
     corners = scale * np.array([[c.low, c.high] for c in cavities])
+    lowest, highest = hull.min(axis=0), hull.max(axis=0)
 
-    def inside(placement: Points) -> bool:
+    def stands(placement: Points, held_by: Flags) -> bool:
         at = hull + placement
-        low, high = at.min(axis=0), at.max(axis=0)
-        held = np.all((low >= corners[:, 0]) & (high <= corners[:, 1]), axis=1)
-        held_by = (cavities[k] for k in np.flatnonzero(held))
-        return any(_holds(c, at, scale) for c in held_by) and not _is_enclosed(at[0] / scale, library, pair.env_index)
+        return any(_holds(cavities[k], at, scale) for k in np.flatnonzero(held_by)) and not _is_enclosed(
+            at[0] / scale, library, pair.env_index
+        )
+
+    def inside(placements: Points) -> Flags:
+        low, high = (lowest + placements)[:, None], (highest + placements)[:, None]
+        held = np.all((low >= corners[:, 0]) & (high <= corners[:, 1]), axis=2)
+        found = held.any(axis=1)
+        found[found] = [stands(placements[k], held[k]) for k in np.flatnonzero(found)]
+        return np.asarray(found)
 
     return inside
 
@@ -87,24 +90,33 @@ def _is_enclosed(point: Points, library: Library, shape: int) -> bool:
     Along each axis a triangle around the point counts with the sign of its area, before or behind it. A line whose sums
     are both zero says free, both other than zero solid; the lines vote.
     """
-    triangles, (lowest, highest) = _triangles(library, shape), _limits(library, shape)
+    triangles = _triangles(library, shape)
     votes = 0
     for axis in range(3):
-        plane = list(across(axis))
-        met = np.all((lowest[:, plane] <= point[plane]) & (highest[:, plane] >= point[plane]), axis=1)
-        before, after = _sides(triangles[met] - point, axis) if met.any() else (False, False)
-        votes += 0 if before != after else (1 if before else -1)
+        before, after = _crossings(triangles, point, axis)
+        votes += 0 if (before != 0) != (after != 0) else (1 if before else -1)
         if abs(votes) == 2:  # the third line cannot change it
             break
     return votes > 0
 
 
-def _sides(corners: Points, axis: int) -> tuple[bool, bool]:
-    """Say whether triangles (n, 3, 3) around the origin count other than zero before and behind it along an axis."""
+@leaf
+def _crossings(triangles: Points, point: Points, axis: int) -> tuple[int, int]:
+    """Return the signed counts of triangles (n, 3, 3) that a line through a point along an axis pierces, either way."""
     a, b = across(axis)
-    x, y = corners[:, :, a], corners[:, :, b]
-    turns = np.array([x[:, i] * y[:, j] - x[:, j] * y[:, i] for i, j in ((1, 2), (2, 0), (0, 1))])
-    around: NDArray[np.bool_] = np.all(turns > 0, axis=0) | np.all(turns < 0, axis=0)
-    height = (turns[:, around] * corners[around, :, axis].T).sum(axis=0) / turns[:, around].sum(axis=0)
-    signs = np.sign(turns[0, around])
-    return bool(signs[height < 0].sum() != 0), bool(signs[height >= 0].sum() != 0)
+    before, after = 0, 0
+    for t in range(len(triangles)):
+        x0, x1, x2 = triangles[t, 0, a] - point[a], triangles[t, 1, a] - point[a], triangles[t, 2, a] - point[a]
+        if min(x0, x1, x2) > 0.0 or max(x0, x1, x2) < 0.0:
+            continue
+        y0, y1, y2 = triangles[t, 0, b] - point[b], triangles[t, 1, b] - point[b], triangles[t, 2, b] - point[b]
+        first, second, third = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
+        if min(first, second, third) <= 0.0 <= max(first, second, third):
+            continue
+        above = first * triangles[t, 0, axis] + second * triangles[t, 1, axis] + third * triangles[t, 2, axis]
+        sign = 1 if first > 0.0 else -1
+        if above / (first + second + third) < point[axis]:
+            before += sign
+        else:
+            after += sign
+    return before, after

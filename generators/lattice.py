@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, leaf
 from eigenbench.generators.solids import Mesh
 
 Floats = NDArray[np.float64]
@@ -98,7 +98,7 @@ def _crossings(triangles: Floats, axis: int, origin: Floats, step: float, counts
     return Lines(start, at, sign)
 
 
-@kernel
+@leaf
 def _side(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Return the side of the line a-b on which p lies, the same number with its sign turned for b-a.
 
@@ -114,7 +114,7 @@ def _side(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> f
     return -value if swap else value
 
 
-@kernel
+@leaf
 def crossing(t: Floats, axis: int, b: int, c: int, pb: float, pc: float) -> tuple[int, float]:
     """Return (sign, coordinate) of the crossing of one triangle with a line, sign 0 for none."""
     s0 = _side(pb, pc, t[1, b], t[1, c], t[2, b], t[2, c])
@@ -195,7 +195,7 @@ def _sort_lines(start: Integers, at: Floats, sign: NDArray[np.int8]) -> None:
             sign[first:last] = sign[first:last][order]
 
 
-@kernel
+@leaf
 def vote(before: int, after: int) -> int:
     """Return a line's vote on a point between two sums of signs: +1 solid, -1 free, 0 if they disagree."""
     if before != 0 and after != 0:

@@ -20,7 +20,7 @@ from eigenbench.generators.choices import (
 from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables
-from eigenbench.generators.fcl_engine import Faces, Points, Sweep, closed_prism, mesh_model, near, soup_model
+from eigenbench.generators.fcl_engine import Faces, Flags, Points, Sweep, closed_prism, mesh_model, near, soup_model
 from eigenbench.generators.pairs import (
     ENV_SHAPE,
     OTHER_SHAPE,
@@ -275,9 +275,9 @@ def _sweep(pair: Pair, triangles: Points, vertices: Points, faces: Faces) -> Swe
     centre, axis = (np.zeros(3), posed.turn[:, 2]) if gap is None else (np.array(gap.centre), np.array(gap.axis))
     reach = size * (0.0 if gap is None else gap.radius)
 
-    def inside(placement: Points) -> bool:
-        offset = placement - size * centre
-        return bool(np.linalg.norm(offset - (offset @ axis) * axis) < reach * (1 + 1e-6))
+    def inside(placements: Points) -> Flags:
+        offset = placements - size * centre
+        return np.asarray(np.linalg.norm(offset - (offset @ axis)[:, None] * axis, axis=1) < reach * (1 + 1e-6))
 
     return Sweep.of(soup_model(triangles), mesh_model(vertices, faces), inside, posed.turn, size)
 

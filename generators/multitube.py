@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, objects_only
-from eigenbench.generators.fcl_engine import Points, Sweep, belt, closed_prism, mesh_model
+from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, closed_prism, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -181,9 +181,10 @@ def reference(pair: Pair) -> Sweep:
     vertices = np.concatenate([belts[0][0], belts[1][0]])
     faces = np.concatenate([belts[0][1], belts[1][1] + len(belts[0][0])])
 
-    def inside(placement: Points) -> bool:
-        at = silhouette + placement[1:]
-        return any(bool(np.all((low[k] < at) & (at < high[k]))) for k in range(2))
+    def inside(placements: Points) -> Flags:
+        at = silhouette + placements[:, None, 1:]
+        held = [np.all((low[k] < at) & (at < high[k]), axis=(1, 2)) for k in range(2)]
+        return np.asarray(held[0] | held[1])
 
     prism = closed_prism(silhouette, 0, -BEYOND, BEYOND)
     return Sweep.of(mesh_model(vertices, faces), mesh_model(*prism), inside)

@@ -41,6 +41,18 @@ def is_inside(outline: Points, x: float, y: float) -> bool:
 
 
 @kernel
+def are_inside(outline: Points, points: Points, shifts: Points) -> NDArray[np.bool_]:
+    """Say at which shifts (k, 2 or 3) all points (n, 2) lie strictly inside a polygon, see `is_inside`."""
+    found = np.ones(len(shifts), dtype=np.bool_)
+    for k in range(len(shifts)):
+        for i in range(len(points)):
+            if not is_inside(outline, points[i, 0] + shifts[k, 0], points[i, 1] + shifts[k, 1]):
+                found[k] = False
+                break
+    return found
+
+
+@kernel
 def convex_hull(points: Points) -> Points:
     """Return the corners (k, 2) of the convex hull of (n, 2) points, anticlockwise from the leftmost, k >= 1.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.circles import enclosing_circle
 from eigenbench.generators.collision import reaching_in
-from eigenbench.generators.compiled import kernel, referable
+from eigenbench.generators.compiled import kernel, leaf, referable
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import TRIED, Point, Rows, measure_along, on_length_grid
 from eigenbench.generators.shapes import Cavity
@@ -197,7 +197,7 @@ def limit_of(cavities: Cavities, c: int, hull: Floats, box: Floats) -> float:
     return scale
 
 
-@kernel
+@leaf
 def is_within(room: Room, body: Body, size: float, x: float, y: float, z: float) -> bool:
     """Say whether a body times `size` lies inside a room at a placement, clear of its walls."""
     t = (x, y, z)

@@ -11,7 +11,7 @@ from eigenbench.generators import fcl_engine
 from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
-from eigenbench.generators.fcl_engine import Points, Sweep, mesh_model
+from eigenbench.generators.fcl_engine import Flags, Points, Sweep, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -169,8 +169,8 @@ def reference(pair: Pair) -> Sweep:
     posed = pair.posed()
     radius = float(pair.of("env_lengths")[0])
 
-    def inside(placement: Points) -> bool:
-        return bool(np.all(np.linalg.norm(posed.hull + placement, axis=1) < radius))
+    def inside(placements: Points) -> Flags:
+        return np.asarray(np.all(np.linalg.norm(posed.hull + placements[:, None], axis=2) < radius, axis=1))
 
     return Sweep.of(_shell(), mesh_model(posed.hull / radius, hull_faces(pair)), inside, unit=radius)
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.circles import unit_circle
-from eigenbench.generators.collision import Hints, first_free, inside_solid, sweep_of
+from eigenbench.generators.collision import Hints, first_free, inside_solid, resized, sweep_of
 from eigenbench.generators.collision import Sweep as Contacts
-from eigenbench.generators.compiled import kernel
+from eigenbench.generators.compiled import kernel, leaf
 from eigenbench.generators.pairs import Point, on_length_grid, spread
 from eigenbench.generators.philox import Key
 from eigenbench.generators.rooms import Body, Cavities, Room, across, is_within
@@ -67,7 +67,7 @@ def guided_of(inhabited: bool, axis: int) -> int:
     return 1 + (GRID * GRID if axis < 0 else 3 * ROUND)
 
 
-@kernel
+@leaf
 def placement(key: Key, pair: int, index: int, room: Room, body: Body, size: float) -> Point:
     """Return placement `index` of a room for a body times `size`: guided ones, then sampled ones.
 
@@ -84,29 +84,30 @@ def placement(key: Key, pair: int, index: int, room: Room, body: Body, size: flo
         return x, y, low[2] + GAP - size * box[0, 2]
     axis = room.axis
     a, b = across(axis)
-    t = np.zeros(3)
-    t[a], t[b], share = 0.5 * (low[a] + high[a]), 0.5 * (low[b] + high[b]), w
+    p, q, share = 0.5 * (low[a] + high[a]), 0.5 * (low[b] + high[b]), w
     if index >= room.guided:
         c, s = unit_circle(u)
         away = np.sqrt(v) * room.radius
-        t[a] += away * c - 0.5 * size * (box[0, a] + box[1, a])
-        t[b] += away * s - 0.5 * size * (box[0, b] + box[1, b])
+        p += away * c - 0.5 * size * (box[0, a] + box[1, a])
+        q += away * s - 0.5 * size * (box[0, b] + box[1, b])
     else:
-        t[a] -= size * body.circle[0]
-        t[b] -= size * body.circle[1]
+        p -= size * body.circle[0]
+        q -= size * body.circle[1]
         if index > 0:
             c, s = unit_circle(((index - 1) % ROUND) / ROUND)
             away = max(0.0, room.radius - size * body.circle[2] - GAP)
-            t[a] += away * c
-            t[b] += away * s
+            p += away * c
+            q += away * s
             share = 0.5 * ((index - 1) // ROUND)
     spare = high[axis] - low[axis] - size * (box[1, axis] - box[0, axis])
     at = GAP if axis == 2 else min(max(share * spare, GAP), max(spare - GAP, 0.5 * spare))
-    t[axis] = low[axis] - size * box[0, axis] + at
-    return t[0], t[1], t[2]
+    along = low[axis] - size * box[0, axis] + at
+    if axis == 0:
+        return along, p, q
+    return (q, along, p) if axis == 1 else (p, q, along)
 
 
-@kernel
+@leaf
 def on_line(
     u: float, index: int, guided: int, step: int, low: float, high: float, box_low: float, box_high: float
 ) -> float:
@@ -120,7 +121,7 @@ def on_line(
     return middle - 0.5 * (box_low + box_high)
 
 
-@kernel
+@leaf
 def settled(frame: Floats, x: float, y: float, z: float) -> Point:
     """Return a placement as it counts: with its witness on the grid, see `pairs.settle`; `frame` is from `frame_of`."""
     p, q, r = 0.0, 0.0, 0.0
@@ -133,7 +134,7 @@ def settled(frame: Floats, x: float, y: float, z: float) -> Point:
     return p, q, r
 
 
-@kernel
+@leaf
 def inside_at(
     key: Key,
     pair: int,
@@ -229,21 +230,20 @@ def largest_free(
     room: Room,
     body: Body,
     scene: Scene,
-    objects: Surface,
-    trees: Trees,
-    hints: Hints,
+    size: float,
+    contacts: Contacts,
 ) -> float:
     """Return the size up to which the object fits, by bisection from `low` to `high`, to 2^-HALVINGS of that.
 
-    Over the guided placements and `free`, unrounded.
+    Over the guided placements and `free`, unrounded; `contacts` are those at `size`, and are used up.
     """
     plain = Scene(scene.frame[:0], scene.turn, scene.shape, scene.scale, scene.obstacles, scene.faces)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        contacts = contacts_at(middle, scene, objects, trees, hints)
-        found = search(key, pair, 0, room.guided, room, body, middle, plain, contacts)
+        here = resized(contacts, middle / size)
+        found = search(key, pair, 0, room.guided, room, body, middle, plain, here)
         if found < 0 and free >= room.guided:
-            found = search(key, pair, free, free + 1, room, body, middle, plain, contacts)
+            found = search(key, pair, free, free + 1, room, body, middle, plain, here)
         if found >= 0:
             low = middle
         else:

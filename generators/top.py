@@ -4,7 +4,6 @@ Its vertical projection has to lie strictly inside the outline of the top. For a
 program; for another one the sweep over placements decides.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +19,13 @@ from eigenbench.generators.choices import (
 )
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, object_model
-from eigenbench.generators.fcl_engine import Points, Sweep, belt, mesh_model
+from eigenbench.generators.fcl_engine import Inside, Points, Sweep, belt, mesh_model
 from eigenbench.generators.outlines import (
+    are_inside,
     convex_hull,
     guided_rectangles,
     half_planes,
     is_convex,
-    is_inside,
     largest_fitting_convex,
     smaller_inside,
     top_lengths,
@@ -363,13 +362,10 @@ def _outline_of(pair: Pair) -> Points:
     return np.ascontiguousarray(top.outline * pair.env_size)
 
 
-def _inside(hull: Points, outline: Points) -> Callable[[Points], bool]:
+def _inside(hull: Points, outline: Points) -> Inside:
     """Return what says whether every vertex of a hull is above the outline's inside."""
-
-    def inside(placement: Points) -> bool:
-        return all(is_inside(outline, x, y) for x, y in hull[:, :2] + placement[:2])
-
-    return inside
+    shadow = np.ascontiguousarray(hull[:, :2])
+    return lambda placements: are_inside(outline, shadow, placements)
 
 
 FAMILY = Family(tables, fill, placements, reference, confirm=confirm, left_out=left_out)

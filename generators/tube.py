@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, objects_only
-from eigenbench.generators.fcl_engine import Points, Sweep, belt, closed_prism, mesh_model
+from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, closed_prism, mesh_model
 from eigenbench.generators.pairs import (
     SIDES,
     TRIED,
@@ -157,8 +157,8 @@ def reference(pair: Pair) -> Sweep:
     half = np.array(pair.of("env_lengths")) / 2
     corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 
-    def inside(placement: Points) -> bool:
-        return bool(np.all(np.abs(silhouette + placement[1:]) < half))
+    def inside(placements: Points) -> Flags:
+        return np.asarray(np.all(np.abs(silhouette + placements[:, None, 1:]) < half, axis=(1, 2)))
 
     walls, prism = belt(corners, 0, -0.5, 0.5), closed_prism(silhouette, 0, -BEYOND, BEYOND)
     return Sweep.of(mesh_model(*walls), mesh_model(*prism), inside)

@@ -116,7 +116,7 @@ def plain_sweep(models_of: Callable, block: Block, row: int) -> tuple[float, flo
         while at < len(places) and test(places[at]):
             at += 1
         swept += time.process_time() - start
-        if at < len(places) and reference.inside(places[at]):
+        if at < len(places) and reference.inside(places[at : at + 1])[0]:
             return built, swept, True
         at += 1
     return built, swept, False

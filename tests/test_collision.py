@@ -11,7 +11,7 @@ from material import box_mesh
 
 from eigenbench.errors import ShapeError
 from eigenbench.generators import fcl_engine
-from eigenbench.generators.collision import first_free, inside_solid, new_hints, reaching_in, sweep_of, touches
+from eigenbench.generators.collision import first_free, inside_solid, new_hints, reaching_in, resized, sweep_of
 from eigenbench.generators.contacts import SLABS, contact, new_slabs
 from eigenbench.generators.library import load_library
 from eigenbench.generators.meshes import SUFFIXES, read_mesh
@@ -177,6 +177,11 @@ def fcl_soup(corners):
     return fcl_engine.collision_object(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
+def touches(sweep, x, y, z):
+    """Say whether the object touches an obstacle at one translation."""
+    return first_free(sweep, np.array([[x, y, z]])) < 0
+
+
 def both_verdicts(objects, trees, shape, pose, corners, obstacles, translations):
     """Return what the kernel and FCL say of every translation, and check that the first free one is found."""
     sweep = sweep_of(objects.triangles, objects.face_start, trees, shape, pose, obstacles, new_hints())
@@ -239,6 +244,18 @@ def test_first_free_needs_no_luck(objects, trees, rooms):
         away = np.array([[9.0, 9.0, 9.0]])
         assert first_free(sweep, np.concatenate([touching[:700], away, away])) == min(len(touching), 700)
     assert hints.known[0] > 0
+
+
+def test_resized_is_the_sweep_of_that_size(objects, trees, rooms):
+    """An object resized touches where the same object, prepared at that size, does; hints of one size are not another's."""
+    rng = np.random.default_rng(5)
+    for shape, (_, _, obstacles) in zip((300, 20, 77), rooms, strict=False):
+        sweep = sweep_of(objects.triangles, objects.face_start, trees, shape, 0.4 * np.eye(3), obstacles, new_hints())
+        for ratio in (0.01, 0.3, 0.9, 1.0, 1.1, 4.0):
+            pose, translations = 0.4 * ratio * np.eye(3), rng.uniform(-0.5, 0.5, size=(300, 3))
+            fresh = sweep_of(objects.triangles, objects.face_start, trees, shape, pose, obstacles, new_hints())
+            other = resized(sweep, ratio)
+            assert [touches(other, *t) for t in translations] == [touches(fresh, *t) for t in translations]
 
 
 def test_nothing_in_the_way_is_free(objects, trees):
@@ -370,6 +387,14 @@ def test_what_is_not_near_shares_no_point(triangles, points):
     met = fcl_engine.near(np.array(triangles, dtype=float), np.array(points, dtype=float))
     for corners, near in zip(triangles, met, strict=True):
         assert near or not share_a_point(corners, points)
+
+
+@given(st.lists(TRIANGLE, min_size=1, max_size=8), TRIANGLE)
+def test_what_does_not_face_shares_no_point(triangles, other):
+    """A triangle that `facing` leaves out shares no point with the other one, by exact arithmetic."""
+    met = fcl_engine.facing(np.array(triangles, dtype=float), np.array([other], dtype=float))
+    for corners, faces in zip(triangles, met, strict=True):
+        assert faces or not share_a_point(corners, other)
 
 
 def test_near_leaves_most_out():
