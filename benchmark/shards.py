@@ -1,6 +1,7 @@
 """Reading and writing one shard file. The only module that knows h5py.
 
-A file appears whole or not at all: it is written beside its place, synced and renamed.
+A file appears whole or not at all: it is written beside its place, synced and renamed. A shard may be synced later, by
+who waits for all of them: its digest tells whether it is whole.
 """
 
 import errno
@@ -33,33 +34,36 @@ REBUILD = "run the same `eigenbench generate` command again to rebuild it"
 
 @dataclass(frozen=True, slots=True)
 class StagedShard:
-    """A shard file that is written and synced beside its place, and not yet there."""
+    """A shard file that is written beside its place, synced or to be synced later, and not yet there."""
 
     path: Path
     file: str
     temporary: Path
     digest: str
+    synced: bool
 
 
 @contextmanager
-def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> Iterator[StagedShard]:
+def staged_shard(
+    path: Path, file: str, arrays: Arrays, about: dict[str, Any], *, synced: bool = True
+) -> Iterator[StagedShard]:
     """Write a shard file beside its place; `settle` puts it there, leaving the context removes what is left.
 
-    `about` is stored as JSON in the attribute `about`, the content digest in `digest`. GenerationError if
-    the disk is full or the folder cannot be written.
+    `about` is stored as JSON in the attribute `about`, the content digest in `digest`. One not `synced` is left to
+    `sync_shard`. GenerationError if the disk is full or the folder cannot be written.
     """
     temporary = temporary_beside(path)
     try:
-        digest = _write(temporary, file, arrays, about)
-        yield StagedShard(path, file, temporary, digest)
+        digest = _write(temporary, file, arrays, about, synced)
+        yield StagedShard(path, file, temporary, digest, synced)
     except OSError as error:
         raise GenerationError(_write_trouble(path, error)) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
-    """Write and sync a shard file, and return its digest.
+def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any], synced: bool) -> str:
+    """Write a shard file, sync it if asked to, and return its digest.
 
     A second thread hashes while this one copies and waits for the disk: all three leave the interpreter free. What
     the digest is written with is small, so that the second sync is short.
@@ -68,13 +72,27 @@ def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
         hashed = beside.submit(content_digest, file, arrays)
         for field in fields_of(file):
             h5.create_dataset(field.name, data=arrays[field.name], track_times=False)
-        h5.flush()
-        sync(path)
+        if synced:
+            h5.flush()
+            sync(path)
         h5.attrs["format_version"] = FORMAT_VERSION
         h5.attrs["about"] = json.dumps(about, sort_keys=True)
         h5.attrs["digest"] = digest = hashed.result()
-    sync(path)
+    if synced:
+        sync(path)
     return digest
+
+
+def sync_shard(paths: Iterable[Path]) -> None:
+    """Wait until the files of a shard are on the disk; where that fails they are removed: GenerationError."""
+    files = list(paths)
+    for path in files:
+        try:
+            sync(path)
+        except OSError as error:
+            for file in files:
+                file.unlink(missing_ok=True)
+            raise GenerationError(_write_trouble(path, error)) from error
 
 
 def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], None]) -> None:
@@ -98,7 +116,8 @@ def settle(staged: StagedShard, task: TaskSpec, before_replacing: Callable[[], N
                 raise
             staged.temporary.replace(staged.path)  # this file system has no hard links
             break
-    sync(staged.path.parent)
+    if staged.synced:
+        sync(staged.path.parent)
 
 
 def has_content(staged: StagedShard, path: Path, task: TaskSpec) -> bool:

@@ -5,6 +5,7 @@ ends when its parent does, so an interrupted run can always be started again and
 """
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from eigenbench.generators.stock import find_stock, left_out, load_stock, refere
 from eigenbench.generators.workers import Pool, open_pool, run_jobs
 from eigenbench.manifest import Manifest, ShardEntry
 from eigenbench.records import Audit, Recipe
-from eigenbench.shard_format import PAIRS_PER_SHARD, content_digest, shard_name, shard_sizes
+from eigenbench.shard_format import FILES, PAIRS_PER_SHARD, content_digest, shard_name, shard_sizes
 from eigenbench.shards import read_shard, staged_shard
 from eigenbench.tasks import SPLITS, TASKS, find_task
 
@@ -76,6 +77,7 @@ class SplitRun:
     finished: Manifest | None
     jobs: tuple[ShardJob, ...]
     done: dict[int, ShardDone] = field(default_factory=dict)
+    on_disk: list[Future[None]] = field(default_factory=list)
 
     @classmethod
     def of(cls, output: Output, recipe: Recipe, stock: Stock, source: str, pool: Pool) -> "SplitRun":
@@ -90,8 +92,16 @@ class SplitRun:
         )
         return cls(output, recipe, stock, source, finished, tuple(jobs))
 
+    def keep(self, shard: ShardDone, disk: Executor) -> None:
+        """Note a finished shard, and let `disk` sync it while others are made."""
+        job = self.jobs[shard.index]
+        self.done[shard.index] = shard
+        self.on_disk.append(disk.submit(job.output.sync, [job.name(file) for file in FILES]))
+
     def finish(self) -> Manifest:
-        """Write the manifest of a split whose shards are all done, and return it."""
+        """Write the manifest of a split whose shards are all done and on the disk, and return it."""
+        for synced in self.on_disk:
+            synced.result()
         done = [self.done[k] for k in range(len(self.jobs))]
         _check_together(self.output, self.recipe, [d.entry for d in done])
         if self.finished:
@@ -215,13 +225,14 @@ def _generate(runs: list[SplitRun], pool: Pool, tell: Callable[[SplitRun], None]
     """Make the shards of all splits in one stream, so that no worker waits at the end of one; finish each split."""
     by_recipe = {run.recipe: run for run in runs}
     manifests = {}
-    for shard in run_jobs(make_shard, _warmed(runs, pool), pool):
-        run = by_recipe[shard.recipe]
-        run.done[shard.index] = shard
-        if tell:
-            tell(run)
-        if len(run.done) == len(run.jobs):
-            manifests[run.output.key] = run.finish()
+    with ThreadPoolExecutor(1) as disk:
+        for shard in run_jobs(make_shard, _warmed(runs, pool), pool):
+            run = by_recipe[shard.recipe]
+            run.keep(shard, disk)
+            if tell:
+                tell(run)
+            if len(run.done) == len(run.jobs):
+                manifests[run.output.key] = run.finish()
     return {run.output.key: manifests[run.output.key] for run in runs}
 
 
@@ -272,10 +283,10 @@ def make_shard(job: ShardJob) -> ShardDone:
             f"FCL contradicts {len(troubles)} labels of shard {job.index}; {troubles[0]}. This is a defect: report it."
         )
         raise GenerationError(msg, detail="\n".join(troubles))
-    task = find_task(job.recipe.task)
+    task, synced = find_task(job.recipe.task), job.output.syncs_at_once
     with (
         job.output.staging() as folder,
-        staged_shard(folder / job.name("inputs"), "inputs", inputs, {}) as staged_inputs,
+        staged_shard(folder / job.name("inputs"), "inputs", inputs, {}, synced=synced) as staged_inputs,
     ):
         about = {
             "recipe": asdict(job.recipe),
@@ -283,7 +294,7 @@ def make_shard(job: ShardJob) -> ShardDone:
             "audit": asdict(counts),
             "inputs_digest": staged_inputs.digest,
         }
-        with staged_shard(folder / job.name("targets"), "targets", targets, about) as staged_targets:
+        with staged_shard(folder / job.name("targets"), "targets", targets, about, synced=synced) as staged_targets:
             _check_owner(job)
             for staged in (staged_inputs, staged_targets):
                 job.output.settle(staged, task, before_replacing=lambda: _check_owner(job))

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
@@ -28,6 +28,7 @@ from eigenbench.shards import (
     read_about_of,
     remove_leftovers,
     settle,
+    sync_shard,
     temporary_beside,
     write_text_atomically,
 )
@@ -53,6 +54,11 @@ _PAGE = 2**16
 
 class Output(Protocol):
     """The place of one split; `str` of it names it in errors, `key` in results."""
+
+    @property
+    def syncs_at_once(self) -> bool:
+        """Whether workers sync what they write, because their machine is another one than that of `sync`."""
+        ...
 
     @property
     def key(self) -> Path | str:
@@ -91,6 +97,10 @@ class Output(Protocol):
         """Put a staged file in its place, see `shards.settle`."""
         ...
 
+    def sync(self, names: Sequence[str]) -> None:
+        """Wait until files of one shard that workers of this machine left unsynced are on the disk."""
+        ...
+
     def finish(self, manifest: Manifest) -> None:
         """Write the manifest."""
         ...
@@ -124,6 +134,7 @@ class Folder:
     """A folder of this machine, or one that several machines share."""
 
     path: Path
+    syncs_at_once: bool = False
 
     def __str__(self) -> str:
         return str(self.path)
@@ -137,7 +148,7 @@ class Folder:
         """Return the folder, by its absolute path for remote workers; UsageError names one that does not see it."""
         if not pool.remote:
             return self
-        shared = Folder(self.path.absolute())
+        shared = Folder(self.path.absolute(), syncs_at_once=True)
         token = temporary_beside(shared.path / "seen")
         try:
             token.touch()
@@ -190,6 +201,11 @@ class Folder:
         """Put a staged file in its place, see `shards.settle`."""
         settle(staged, task, before_replacing)
 
+    def sync(self, names: Sequence[str]) -> None:
+        """Sync the files, unless the workers did."""
+        if not self.syncs_at_once:
+            sync_shard(self.path / name for name in names)
+
     def finish(self, manifest: Manifest) -> None:
         """Write the manifest."""
         write_manifest(self.path, manifest)
@@ -203,6 +219,11 @@ class Address:
 
     def __str__(self) -> str:
         return self.url
+
+    @property
+    def syncs_at_once(self) -> bool:
+        """False: what is uploaded needs no disk here."""
+        return False
 
     @property
     def key(self) -> str:
@@ -297,6 +318,9 @@ class Address:
                     return
             before_replacing()
         self._upload(staged.temporary, name)
+
+    def sync(self, names: Sequence[str]) -> None:
+        """Do nothing: what is uploaded is kept by the store."""
 
     def finish(self, manifest: Manifest) -> None:
         """Write the manifest."""

@@ -160,7 +160,7 @@ def test_reading_needs_a_copy():
 def test_workers_that_do_not_see_the_place(tmp_path, monkeypatch):
     """A remote worker that cannot use the output is named, and no file is left from asking."""
     pool = SimpleNamespace(remote=True, alone=False, ask_all=lambda f, x: {"tcp://w:1": f(x)})
-    assert Folder(tmp_path).seen_by(pool) == Folder(tmp_path)
+    assert Folder(tmp_path).seen_by(pool) == Folder(tmp_path, syncs_at_once=True)
     monkeypatch.setattr(outputs, "sleep", lambda _seconds: None)
     pool.ask_all = lambda f, x: {"tcp://w:1": f("/not" + x)}
     with pytest.raises(UsageError, match=f"Worker tcp://w:1 does not see the output folder {tmp_path}. Pass a folder"):
