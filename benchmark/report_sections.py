@@ -193,7 +193,7 @@ def provenance_section(source: Source) -> Html:
     if result.get("checks"):
         told = {True: "passed", False: "not passed", None: "for information"}
         checks = {c["name"]: f"{told[c['passed']]}; {c['seen']}" for c in result["checks"]}
-        blocks.append(facts(checks, "Checks before the run"))
+        blocks.append(facts(checks, "Checks"))
     return section("provenance", "Provenance", tag("div", *(tag("div", b) for b in blocks), class_="columns"))
 
 
