@@ -21,14 +21,17 @@ HEADLINE: dict[str, int] = {
     "angle_degrees": -1,
 }
 """The headline metrics, with 1 where more is better and -1 where less is."""
+UNMATCHED_DEGREES = 90.0
+"""Angle of a length without a slot: the worst, so that no model gains by leaving a hard one out."""
 
 
 def headline_statistics(predictions: Predictions, truth: Truth) -> dict[str, Statistic]:
     """Return the headline metrics that predictions aligned with the truth allow.
 
     `matched_r2` is the mean R2 over the human lengths and both sides, 0 for a length without a slot, so that a model of
-    fewer slots gains nothing by what it leaves out; `angle_degrees` the mean angle between a matched slot's vector
-    and its length's direction over pairs and lengths that have one; the matching is that of all pairs.
+    fewer slots gains nothing by what it leaves out. `angle_degrees` is the mean angle between a length's direction and
+    its slot's vector, over pairs and lengths that have a direction; by the same rule it is 90 for a length without a
+    slot, as for a vector that is zero. The matching is that of all pairs.
     """
     label = truth.targets["label"]
     decision, groups = composed_decision(predictions)
@@ -68,7 +71,10 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
     vectors = predictions.arrays.get("vectors")
     if vectors is None:
         return found
-    degrees = np.stack([metrics.angles(vectors[:, s], t["directions"][:, k]) for k, s in match.items()], axis=1)
+    directions = t["directions"]
+    degrees = np.where(np.isnan(directions).any(axis=2), np.nan, UNMATCHED_DEGREES)
+    for length, slot in match.items():
+        degrees[:, length] = metrics.angles(vectors[:, slot], directions[:, length])
     known = ~np.isnan(degrees)
     if known.any():
         found["angle_degrees"] = ratio(np.where(known, degrees, 0.0).sum(axis=1), known.sum(axis=1))

@@ -167,9 +167,12 @@ def calibration_section(source: Source, tables: Tables) -> Html:
     """Return the reliability diagram, or say that the model gives no probability."""
     bins = reliability(source)
     if bins is None:
-        said = tag("p", "Probability: not provided. Calibration needs one; the decision was composed from lengths.")
+        words = "Probability: not provided. Calibration needs one; the decision was composed from lengths."
+        if "probability" in source.arrays:
+            words = "This result is of an older version, which kept no reliability bins."
+        said = tag("p", words)
         return section("calibration", "Calibration", said)
-    plot = calibration(bins.edges, bins.counts.astype(np.float64), bins.probability, bins.share)
+    plot = calibration(bins.edges, bins.counts.astype(np.float64), bins.probability, bins.shares)
     figures = tag("div", tag("figure", plot), tag("div", table_html(tables["ranking"])), class_="plots")
     words = "A dot is a bin of the probability, its area the number of pairs; the diagonal is perfect calibration."
     return section(

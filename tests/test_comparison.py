@@ -14,9 +14,10 @@ from scipy.stats import norm, ttest_rel
 import eigenbench
 from eigenbench.comparison import holm, p_value
 from eigenbench.errors import DataError, UsageError
-from eigenbench.headline import replicated
+from eigenbench.headline import headline_statistics, replicated
 from eigenbench.intervals import crossed_weights, ratio
-from eigenbench.results import PREDICTIONS, RESULT
+from eigenbench.results import PREDICTIONS, RESULT, Predictions
+from eigenbench.truth import Truth
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +93,21 @@ def test_what_a_run_lacks_is_left_out(runs, test_split):
     two = eigenbench.compare([runs["constant"], runs["object_only"]], test_split)["metrics"]
     assert two["brier"]["better"] == "lower"
     assert two["brier"]["runs"][1]["rank"] == [1, 1]
+
+
+def test_what_is_left_out_gains_nothing(test_split):
+    """A model of one slot is not ahead of the one with a bad second slot: a length without a slot has R2 0, angle 90."""
+    truth = Truth.of(eigenbench.load(test_split))
+    t, plain = truth.targets, np.ones((1, 300))
+    vectors = np.stack([t["directions"][:, 0], np.broadcast_to([1.0, 0.0, 0.0], (300, 3))], axis=1)
+
+    def scored(slots):
+        arrays = {f"{side}_lengths": t[f"{side}_lengths"][:, :slots] for side in ("env", "obj")}
+        found = headline_statistics(Predictions(arrays | {"vectors": vectors[:, :slots]}), truth)
+        return [float(found[name](plain)[0]) for name in ("matched_r2", "angle_degrees")]
+
+    assert scored(2) == pytest.approx([1, 45])  # x is at right angles to z
+    assert scored(1) == pytest.approx([0.5, 45])
 
 
 def test_runs_that_cannot_be_compared(runs, small, test_split, tmp_path, monkeypatch):

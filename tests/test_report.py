@@ -163,7 +163,7 @@ def test_reliability_agrees_with_the_calibration_error(source):
     """The bins' gaps, weighted by their pairs, add up to the scored calibration error; no pair is lost."""
     bins = reliability(source)
     known = bins.counts > 0
-    gaps = bins.counts[known] * np.abs(bins.probability - bins.share)[known]
+    gaps = bins.counts[known] * np.abs(bins.probability - bins.shares)[known]
     assert gaps.sum() / 300 == pytest.approx(source.scores["calibration_error"]["value"], abs=1e-12)
     assert bins.counts.sum() == 300
 
