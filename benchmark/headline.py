@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from eigenbench import metrics
-from eigenbench.intervals import LEVEL, SEED, Floats, Interval, Statistic, ratio
+from eigenbench.intervals import REPLICATES, SEED, Floats, Statistic, percentile_interval, ratio
 from eigenbench.results import Predictions
+from eigenbench.shape_units import Units
 from eigenbench.truth import Truth, composed_decision
 
 HEADLINE: dict[str, int] = {
@@ -82,11 +83,16 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
 
 
 def replicated(
-    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterable[Floats]
+    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterable[Floats], units: Units
 ) -> tuple[list[dict[str, float]], list[dict[str, Floats]]]:
-    """Return each set's values, and each set's replicates (R,), under the same weights for all sets."""
+    """Return each set's values, and each set's replicates (R,), under the same weights for all sets.
+
+    Where the pairs have too few shapes all replicates are NaN: nothing is known of how a value would vary.
+    """
     plain = np.ones((1, pairs))
     values = [{name: float(s(plain)[0]) for name, s in one.items()} for one in statistics]
+    if not units.suffice():
+        return values, [{name: np.full(REPLICATES, np.nan) for name in one} for one in statistics]
     collected: list[dict[str, list[Floats]]] = [{name: [] for name in one} for one in statistics]
     for block in weights:
         for into, one in zip(collected, statistics, strict=True):
@@ -97,11 +103,7 @@ def replicated(
 
 def interval_of(value: float, replicates: Floats) -> dict[str, Any]:
     """Return a value with its percentile interval; None throughout where it is undefined."""
-    known = replicates[np.isfinite(replicates)]
-    if not np.isfinite(value) or not len(known):
-        return asdict(Interval(None, None, None))
-    low, high = np.percentile(known, [50 * (1 - LEVEL), 50 * (1 + LEVEL)])
-    return asdict(Interval(float(value), float(low), float(high)))
+    return asdict(percentile_interval(float(value), replicates))
 
 
 def mean_over_repeats(values: Floats, replicates: Floats, seed: int = SEED) -> dict[str, Any]:

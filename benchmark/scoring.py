@@ -10,12 +10,11 @@ from eigenbench.accuracy import accuracy_scores
 from eigenbench.cavities import cavity_scores
 from eigenbench.clauses import group_scores
 from eigenbench.dataset import load
-from eigenbench.intervals import LEVEL, REPLICATES, SEED
 from eigenbench.learnt_scores import rescored
 from eigenbench.lengths import length_scores
 from eigenbench.results import Predictions, read_run
 from eigenbench.rotations import rotation_scores
-from eigenbench.truth import Judged, Scores, Truth, composed_decision
+from eigenbench.truth import Judged, Scores, Truth, composed_decision, interval_about
 from eigenbench.vectors import angle_scores, plane_scores
 
 __all__ = ["Scores", "Truth", "composed_decision", "rescore", "score", "score_predictions"]
@@ -40,7 +39,7 @@ def score_predictions(predictions: Predictions, truth: Truth) -> Scores:
     lengths = length_scores(judged)
     return {
         "pairs": len(judged.decision),
-        "interval": {"level": LEVEL, "replicates": REPLICATES, "seed": SEED, "method": "crossed bootstrap, rescaled"},
+        "interval": interval_about("crossed bootstrap, rescaled", truth),
         "decided_by": "probability" if judged.groups is None else "lengths",
         **accuracy_scores(judged),
         "lengths": lengths,

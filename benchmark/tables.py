@@ -8,22 +8,26 @@ from eigenbench.checking import Finding
 from eigenbench.errors import printable
 from eigenbench.manifest import MANIFEST, Manifest
 from eigenbench.tasks import SPLITS
-from eigenbench.terminal import console, show, table_of
+from eigenbench.terminal import NO_INTERVAL, console, print_no_intervals, show, table_of
 
 _NAMED = 8
 """Shapes named after a reason why they are left out."""
 
 
 def _percent(interval: dict[str, Any] | None) -> str:
-    if interval is None or interval["value"] is None:
-        return "not provided" if interval is None else "undefined"
-    return f"{interval['value']:.2%} [{interval['low']:.2%}, {interval['high']:.2%}]"
+    return _written(interval, ".2%")
 
 
 def _number(interval: dict[str, Any] | None) -> str:
+    return _written(interval, ".4f")
+
+
+def _written(interval: dict[str, Any] | None, form: str) -> str:
     if interval is None or interval["value"] is None:
         return "not provided" if interval is None else "undefined"
-    return f"{interval['value']:.4f} [{interval['low']:.4f}, {interval['high']:.4f}]"
+    if interval["low"] is None:
+        return f"{interval['value']:{form}} {NO_INTERVAL}"
+    return "{value:{form}} [{low:{form}}, {high:{form}}]".format(form=form, **interval)
 
 
 def print_result(result: dict[str, Any]) -> None:
@@ -34,6 +38,7 @@ def print_result(result: dict[str, Any]) -> None:
         f"{data['digest'][:16]}; decided by its {scores['decided_by']}; isolation {result['isolation']['level']}, "
         f"network {result['isolation']['network']}; 95 % intervals by crossed bootstrap"
     )
+    print_no_intervals(scores["interval"])
     overall = table_of("Overall", "metric", "value [95 % interval]")
     for name in ("accuracy", "balanced_accuracy", "precision", "recall", "f1"):
         overall.add_row(name.replace("_", " "), _percent(scores[name]))
@@ -270,7 +275,7 @@ def print_statistics(descriptions: Sequence[dict[str, Any]]) -> None:
         shares += [d["rule_explains"], d["near_boundary"]]
         shares += [measurer["exact"], measurer["calibrated"]] if measured else []
         binding = {name: v for name, v in d["lengths"].items() if v["binds"]}
-        decides = "  ".join(f"{name} {_share(v['decides_negatives'])}" for name, v in binding.items())
+        decides = "  ".join(f"{name} {_share(v['decides_negatives'], 0)}" for name, v in binding.items())
         r = d["recipe"]
         cells = (f"{r['pairs']:,}", f"{d['positive_rate']:.2%}", *(_share(s) for s in shares))
         table.add_row(r["task"], r["split"], *cells, decides)
@@ -300,8 +305,8 @@ def print_noise(rows: Sequence[dict[str, Any]]) -> None:
     show(table, keys=2)
 
 
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1%}"
+def _share(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{value:.{digits}%}"
 
 
 def _three(values: Sequence[float]) -> str:

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from eigenbench.errors import printable
 from eigenbench.headline import HEADLINE
-from eigenbench.terminal import console, show, table_of
+from eigenbench.terminal import NO_INTERVAL, console, print_no_intervals, show, table_of
 
 _AS_PERCENT = ("accuracy", "balanced_accuracy")
 _NAME = 26
@@ -34,6 +34,7 @@ def print_comparison(found: Mapping[str, Any]) -> None:
         f"{data['task']}/{data['split']}, {data['pairs']:,} pairs, digest {data['digest'][:16]}; intervals by paired "
         f"crossed bootstrap; p values corrected by {found['correction']}"
     )
+    print_no_intervals(found["interval"])
     names = [_name_of(k + 1, r["run"]) for k, r in enumerate(found["runs"])]
     for metric, compared in found["metrics"].items():
         show(_standings(metric, compared, names))
@@ -123,6 +124,8 @@ def _title(metric: str) -> str:
 def _interval(metric: str, interval: Mapping[str, Any] | None, *, signed: bool = False) -> str:
     if interval is None or interval["value"] is None:
         return "not provided" if interval is None else "undefined"
+    if interval["low"] is None:
+        return f"{_number(metric, interval['value'], signed=signed)} {NO_INTERVAL}"
     value, low, high = (_number(metric, interval[k], signed=signed) for k in ("value", "low", "high"))
     return f"{value} [{low}, {high}]"
 
