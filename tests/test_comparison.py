@@ -17,6 +17,7 @@ from eigenbench.errors import DataError, UsageError
 from eigenbench.headline import headline_statistics, replicated
 from eigenbench.intervals import crossed_weights, ratio
 from eigenbench.results import PREDICTIONS, RESULT, Predictions
+from eigenbench.shape_units import Units
 from eigenbench.truth import Truth
 
 
@@ -157,7 +158,8 @@ def test_p_value_is_the_paired_test_where_pairs_are_independent():
     primitive = np.full(pairs, b"primitive", dtype="S96")
     weights = crossed_weights(shapes, category, primitive, primitive, replicates=4000)
     statistics = [{"accuracy": ratio(x, np.ones(pairs))} for x in (a, b)]
-    values, replicates = replicated(statistics, pairs, weights)
+    targets = {"obj_shape": shapes, "obj_category": category, "env_shape": primitive, "env_category": primitive}
+    values, replicates = replicated(statistics, pairs, weights, Units.of(targets))
     difference = values[0]["accuracy"] - values[1]["accuracy"]
     found = p_value(difference, replicates[0]["accuracy"] - replicates[1]["accuracy"])
     expected = ttest_rel(a.astype(float), b.astype(float)).pvalue
