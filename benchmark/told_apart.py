@@ -18,6 +18,9 @@ from eigenbench.records import Arrays
 
 Rows = NDArray[np.int64]
 
+MOST_PAIRS = 1024
+"""Pairs that are told apart at most: one batch of the run, but no more than find any share worth cheating in."""
+
 AGAIN = "after the run: a fresh process answers the same pairs alike"
 ENV_APART = "after the run, honesty: an environment's lengths, told anew beside another object"
 OBJ_APART = "after the run, honesty: an object's lengths, told anew beside another environment"
@@ -49,10 +52,10 @@ def check_told_apart(asker: Asker, asked: Asked, order: Rows) -> list[Finding]:
 def mixed_rows(order: Rows, batch_size: int) -> tuple[Rows, Rows]:
     """Return the rows of environments and of objects of one batch, none beside its own partner unless n = 1.
 
-    Where the split has two batches or more, no object is that of any of the environments.
+    Where the split has twice as many pairs, no object is that of any of the environments.
     """
     pairs = len(order)
-    size = min(batch_size, pairs)
+    size = min(batch_size, MOST_PAIRS, pairs)
     shift = size if 2 * size <= pairs else pairs // 2
     return order[:size], np.roll(order, -shift)[:size]
 

@@ -7,7 +7,7 @@ from material import EXAMPLES, model
 from test_checking import ANSWER, LENGTHS
 
 import eigenbench
-from eigenbench.told_apart import AGAIN, ENV_APART, OBJ_APART, mixed_rows
+from eigenbench.told_apart import AGAIN, ENV_APART, MOST_PAIRS, OBJ_APART, mixed_rows
 
 AFTER = (AGAIN, ENV_APART, OBJ_APART)
 
@@ -17,15 +17,17 @@ def after(result: dict) -> dict[str, bool | None]:
     return {f["name"]: f["passed"] for f in result["checks"] if f["name"] in AFTER}
 
 
-@pytest.mark.parametrize(("pairs", "batch"), [(300, 37), (300, 150), (300, 256), (300, 999), (3, 8), (2, 1)])
+@pytest.mark.parametrize(
+    ("pairs", "batch"), [(300, 37), (300, 150), (300, 256), (300, 999), (3, 8), (2, 1), (9000, 9000)]
+)
 def test_no_environment_meets_its_own_object(pairs, batch):
     """As many rows as a batch has, each once a side; with two batches or more no object of these environments at all."""
     order = np.random.default_rng(pairs).permutation(pairs)
     env, obj = mixed_rows(order, batch)
-    assert len(env) == len(obj) == min(batch, pairs)
+    assert len(env) == len(obj) == min(batch, pairs, MOST_PAIRS)
     assert len(set(env)) == len(env) == len(set(obj))
     assert (env != obj).all()
-    assert 2 * batch > pairs or not set(env) & set(obj)
+    assert 2 * len(env) > pairs or not set(env) & set(obj)
 
 
 def test_one_pair_has_no_other_partner():
