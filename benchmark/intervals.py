@@ -194,7 +194,7 @@ def resample(
 
 
 def _rests_on_enough(statistic: Statistic, units: Units) -> bool:
-    return units.suffice(statistic.columns.any(axis=1) if isinstance(statistic, Sums) else None)
+    return units.suffice(np.asarray(statistic.columns.any(axis=1)) if isinstance(statistic, Sums) else None)
 
 
 def _distinct(parts: list[Floats], pairs: int) -> tuple[Floats, list[list[int]]]:

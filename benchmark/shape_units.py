@@ -41,7 +41,7 @@ class Units:
         """Return by side how many shapes of the chosen pairs, a mask or rows, are not the first of their category."""
         here = slice(None) if chosen is None else chosen
         return {
-            name: int(np.sum(np.bincount(shape[here]) > 0) - np.sum(np.bincount(category[here]) > 0))
+            name: int(np.count_nonzero(np.bincount(shape[here]))) - int(np.count_nonzero(np.bincount(category[here])))
             for name, (shape, category) in self.sides.items()
         }
 

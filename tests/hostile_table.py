@@ -16,7 +16,7 @@ def cell(outcome: Outcome) -> str:
     """Return who won, and what was said, short enough for a table."""
     said = outcome.said.split(".py ", 1)[-1].rstrip(".").replace("|", "/")
     said = said.split("; raise --")[0].removeprefix("failed in predict: ")
-    said = re.sub(r"( '[^']*/[^']*'| -> '[^']*')+|, line \d+$|\[Errno \d+\] ", "", said).rstrip(" :")
+    said = re.sub(r"( '[^']*/[^']*'| -> '[^']*')+|: '[^']*'$|, line \d+$|\[Errno \d+\] ", "", said).rstrip(" :")
     return "**wins**" if outcome.won else f"stopped: {said}"
 
 
