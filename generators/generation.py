@@ -98,6 +98,11 @@ class SplitRun:
         self.done[shard.index] = shard
         self.on_disk.append(disk.submit(job.output.sync, [job.name(file) for file in FILES]))
 
+    @property
+    def is_on_disk(self) -> bool:
+        """Whether all shards are done and synced, so that nobody waits while there are others to make."""
+        return len(self.done) == len(self.jobs) and all(synced.done() for synced in self.on_disk)
+
     def finish(self) -> Manifest:
         """Write the manifest of a split whose shards are all done and on the disk, and return it."""
         for synced in self.on_disk:
@@ -224,16 +229,17 @@ def _recipe_of(output: Output, name: str) -> Recipe | None:
 def _generate(runs: list[SplitRun], pool: Pool, tell: Callable[[SplitRun], None] | None) -> dict[Path | str, Manifest]:
     """Make the shards of all splits in one stream, so that no worker waits at the end of one; finish each split."""
     by_recipe = {run.recipe: run for run in runs}
-    manifests = {}
+    manifests: dict[Path | str, Manifest] = {}
     with ThreadPoolExecutor(1) as disk:
         for shard in run_jobs(make_shard, _warmed(runs, pool), pool):
             run = by_recipe[shard.recipe]
             run.keep(shard, disk)
             if tell:
                 tell(run)
-            if len(run.done) == len(run.jobs):
-                manifests[run.output.key] = run.finish()
-    return {run.output.key: manifests[run.output.key] for run in runs}
+            for other in runs:
+                if other.output.key not in manifests and other.is_on_disk:
+                    manifests[other.output.key] = other.finish()
+    return {run.output.key: manifests.get(run.output.key) or run.finish() for run in runs}
 
 
 def _warmed(runs: list[SplitRun], pool: Pool) -> Iterator[ShardJob]:
