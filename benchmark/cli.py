@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_data import data_app, download, frozen_test_split
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
@@ -33,6 +34,8 @@ app.add_typer(shapes_app, name="shapes")
 for command in SHOWING:
     app.command()(command)
 app.command()(train)
+app.command()(download)
+app.add_typer(data_app, name="data")
 
 _INTERRUPTED = 130
 
@@ -216,7 +219,8 @@ def verify(
 @app.command()
 def evaluate(
     model: Annotated[str, typer.Argument(help="model.py, or model.py:name for another builder.")],
-    data: Annotated[Path, typer.Option(help="The split to evaluate on, e.g. data/tube/test.")],
+    data: Annotated[Path | None, typer.Option(help="The split to evaluate on, e.g. data/tube/test.")] = None,
+    task: Annotated[str | None, typer.Option(help="Instead of --data: the frozen test split of this task.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/<model>-<task>-<split>-<time>.")] = None,
     batch_size: Annotated[int, typer.Option(help="Pairs per call of predict.")] = 256,
     timeout: Timeout = 120.0,
@@ -245,6 +249,10 @@ def evaluate(
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
+    if (data is None) == (task is None):
+        msg = "Pass --task for the frozen test split of a task, or --data for a split of your own; one of them."
+        raise UsageError(msg)
+    data = data or frozen_test_split(str(task), as_json)
     with kept_told(), progress_on(as_json) as progress:
         done = run(
             model,

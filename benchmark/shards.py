@@ -200,15 +200,21 @@ def _damage_named(path: Path | str) -> Iterator[None]:
         raise DataError(msg) from error
 
 
-def read_shard(path: Path, file: str, task: TaskSpec, names: Iterable[str] | None = None) -> Arrays:
-    """Read the datasets of one shard file; DataError names the file, the field and the rule."""
+def read_shard(
+    path: Path, file: str, task: TaskSpec, names: Iterable[str] | None = None, rows: int | None = None
+) -> Arrays:
+    """Read the datasets of one shard file; DataError names the file, the field and the rule.
+
+    With `rows` a dataset of another size is refused before it is read: a few bytes can claim to be many.
+    """
     wanted = None if names is None else set(names)
     with _open(path) as h5, _damage_named(path):
         arrays = {}
-        rows: int | None = None
         for field in fields_of(file):
             if wanted is not None and field.name not in wanted:
                 continue
+            if rows is not None and field.name in h5:
+                _check_field(path, field, h5[field.name], field.shape(rows, task))
             values = _read_field(h5, path, field)
             rows = len(values) if rows is None else rows
             _check_field(path, field, values, field.shape(rows, task))
@@ -250,7 +256,7 @@ def _read_field(h5: h5py.File, path: Path, field: Field) -> NDArray[Any]:
     return np.asarray(h5[field.name][()])
 
 
-def _check_field(path: Path, field: Field, values: NDArray[Any], shape: tuple[int, ...]) -> None:
+def _check_field(path: Path, field: Field, values: NDArray[Any] | h5py.Dataset, shape: tuple[int, ...]) -> None:
     if values.shape != shape or values.dtype != np.dtype(field.dtype):
         msg = (
             f"Shard {path}, dataset '{field.name}' is {values.dtype} {values.shape}, "
@@ -259,11 +265,17 @@ def _check_field(path: Path, field: Field, values: NDArray[Any], shape: tuple[in
         raise DataError(msg)
 
 
-def map_rows(path: Path, file: str, task: TaskSpec, names: Iterable[str]) -> Arrays:
+def is_packed(path: Path, file: str) -> bool:
+    """Say whether any dataset of a shard is stored in compressed blocks, so that it cannot be mapped."""
+    with _open(path) as h5, _damage_named(path):
+        return any(h5[field.name].id.get_offset() is None for field in fields_of(file))
+
+
+def map_rows(path: Path, file: str, task: TaskSpec, names: Iterable[str], rows: int | None = None) -> Arrays:
     """Return read-only arrays of the named datasets, mapped from the file where its layout allows.
 
     Contiguous datasets are memory-mapped: rows are then read by the page, in any order, with no lock
-    and no open handle, safe after a fork. Compressed ones are read whole.
+    and no open handle, safe after a fork. Compressed ones are read whole; `rows` as in `read_shard`.
     """
     arrays: Arrays = {}
     with _open(path) as h5, _damage_named(path):
@@ -271,7 +283,7 @@ def map_rows(path: Path, file: str, task: TaskSpec, names: Iterable[str]) -> Arr
             dataset = h5.get(name)
             offset = None if dataset is None else dataset.id.get_offset()
             if offset is None:
-                arrays |= read_shard(path, file, task, [name])
+                arrays |= read_shard(path, file, task, [name], rows)
                 continue
             end = offset + dataset.dtype.itemsize * int(np.prod(dataset.shape))
             if end > path.stat().st_size:
