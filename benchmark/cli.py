@@ -15,7 +15,8 @@ from typing import Annotated, Any
 
 import typer
 
-from eigenbench.cli_data import data_app, download, frozen_test_split
+from eigenbench.cli_data import data_app, download, publish, split_to_score, withhold
+from eigenbench.cli_hidden import gap, hidden_app
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
@@ -35,7 +36,10 @@ for command in SHOWING:
     app.command()(command)
 app.command()(train)
 app.command()(download)
+app.command()(publish)
+app.command()(gap)
 app.add_typer(data_app, name="data")
+app.add_typer(hidden_app, name="hidden")
 
 _INTERRUPTED = 130
 
@@ -221,6 +225,8 @@ def evaluate(
     model: Annotated[str, typer.Argument(help="model.py, or model.py:name for another builder.")],
     data: Annotated[Path | None, typer.Option(help="The split to evaluate on, e.g. data/tube/test.")] = None,
     task: Annotated[str | None, typer.Option(help="Instead of --data: the frozen test split of this task.")] = None,
+    fresh: Annotated[str | None, typer.Option(help="With --task: a split made from this seed instead, or new.")] = None,
+    hidden: Annotated[Path | None, typer.Option(help="With --task: the held-out split of this secret instead.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/<model>-<task>-<split>-<time>.")] = None,
     batch_size: Annotated[int, typer.Option(help="Pairs per call of predict.")] = 256,
     timeout: Timeout = 120.0,
@@ -249,14 +255,11 @@ def evaluate(
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
-    if (data is None) == (task is None):
-        msg = "Pass --task for the frozen test split of a task, or --data for a split of your own; one of them."
-        raise UsageError(msg)
-    data = data or frozen_test_split(str(task), as_json)
+    place = split_to_score(data, task, fresh, hidden, as_json)
     with kept_told(), progress_on(as_json) as progress:
         done = run(
             model,
-            data,
+            place,
             out,
             batch_size=batch_size,
             options=_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation),
@@ -265,16 +268,18 @@ def evaluate(
                 DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None
             ),
             checks=checks,
-            report=report,
+            report=report and hidden is None,
             progress=progress,
         )
+    if hidden:
+        done.result.update(withhold(done.folder, hidden))
     if as_json:
         print(json.dumps({"run": str(done.folder), **done.result}))
         return
     print_result(done.result)
     print_learning(done.result)
     print(f"run: {done.folder}")
-    if report:
+    if report and not hidden:
         print(f"report: {done.folder / 'report.html'}")
 
 

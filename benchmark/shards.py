@@ -28,6 +28,10 @@ from eigenbench.tasks import TaskSpec
 
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
+_PACKED = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
+"""Filters that every HDF5 library has; a higher level gains 1 %."""
+_CHUNK_ROWS = 250
+
 REBUILD = "run the same `eigenbench generate` command again to rebuild it"
 
 
@@ -42,15 +46,18 @@ class StagedShard:
 
 
 @contextmanager
-def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> Iterator[StagedShard]:
+def staged_shard(
+    path: Path, file: str, arrays: Arrays, about: dict[str, Any], packed: bool = False
+) -> Iterator[StagedShard]:
     """Write a shard file beside its place; `settle` puts it there, leaving the context removes what is left.
 
-    `about` is stored as JSON in the attribute `about`, the content digest in `digest`. GenerationError if
-    the disk is full or the folder cannot be written.
+    `about` is stored as JSON in the attribute `about`, the content digest in `digest`. `packed` compresses it, for
+    sending: it is half as long, and cannot be mapped. GenerationError if the disk is full or the folder cannot be
+    written.
     """
     temporary = temporary_beside(path)
     try:
-        digest = _write(temporary, file, arrays, about)
+        digest = _write(temporary, file, arrays, about, packed)
         yield StagedShard(path, file, temporary, digest)
     except OSError as error:
         raise GenerationError(_write_trouble(path, error)) from error
@@ -58,7 +65,7 @@ def staged_shard(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -
         temporary.unlink(missing_ok=True)
 
 
-def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
+def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any], packed: bool) -> str:
     """Write and sync a shard file, and return its digest.
 
     A second thread hashes while this one copies and waits for the disk: all three leave the interpreter free. What
@@ -67,7 +74,9 @@ def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any]) -> str:
     with ThreadPoolExecutor(1) as beside, h5py.File(path, "w") as h5:
         hashed = beside.submit(content_digest, file, arrays)
         for field in fields_of(file):
-            h5.create_dataset(field.name, data=arrays[field.name], track_times=False)
+            values = arrays[field.name]
+            layout = {"chunks": (min(_CHUNK_ROWS, len(values)), *values.shape[1:]), **_PACKED} if packed else {}
+            h5.create_dataset(field.name, data=values, track_times=False, **layout)
         h5.flush()
         sync(path)
         h5.attrs["format_version"] = FORMAT_VERSION
