@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import traceback
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -256,13 +257,16 @@ def evaluate(
     from eigenbench.tables_learning import print_learning
 
     place = split_to_score(data, task, fresh, hidden, as_json)
+    options = _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
+    if hidden:
+        options = replace(options, hidden=(hidden.resolve(),))
     with kept_told(), progress_on(as_json) as progress:
         done = run(
             model,
             place,
             out,
             batch_size=batch_size,
-            options=_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation),
+            options=options,
             few_shot=FewShot(few_shot, draws) if few_shot else None,
             data_efficiency=(
                 DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None

@@ -14,7 +14,7 @@ hidden_app = typer.Typer(help="A held-out split: commit to its seed, and reveal 
 SecretFile = Annotated[Path, typer.Argument(help="The secret that `hidden commit` wrote, or its holder revealed.")]
 
 
-@hidden_app.command()
+@hidden_app.command("commit")
 def commit(
     task: Annotated[str, typer.Option(help="Which task; several with commas between.")],
     secret: Annotated[Path, typer.Option(help="File for seed and salt: keep it, and keep it secret.")],
@@ -37,7 +37,7 @@ def commit(
     print(printable(f"score a model: eigenbench evaluate model.py --task {names[0]} --hidden {secret} --out RUN"))
 
 
-@hidden_app.command()
+@hidden_app.command("reveal")
 def reveal(
     secret: SecretFile,
     public: Annotated[Path, typer.Argument(help="The commitment that was published.")],

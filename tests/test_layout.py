@@ -19,6 +19,7 @@ FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
 ASKS_GENERATORS = "benchmark/shape_cavities.py"
 """The one module of benchmark/, beside the command line, that reaches into generators, inside a function."""
 COMMAND_LINE = ("cli.py", "cli_data.py", "cli_hidden.py", "cli_report.py", "cli_shapes.py", "cli_train.py")
+TARGETS = ["help", "demo", "test", "check", "bench", "freeze", "verify-splits", "clean"]
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
 HEAVY += ("distributed", "fsspec", "matplotlib")
 
@@ -189,4 +190,4 @@ def test_makefile_targets():
     command = ["make", "--silent", "--no-print-directory", "help"]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}  # this may run below a make
     shown = subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True).stdout
-    assert [line.split()[0] for line in shown.splitlines()] == ["help", "demo", "test", "check", "bench", "clean"]
+    assert [line.split()[0] for line in shown.splitlines()] == TARGETS
