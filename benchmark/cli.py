@@ -75,8 +75,8 @@ def main() -> None:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
         print(
-            "error: interrupted. Finished shards are kept: the same `generate` goes on. So do `evaluate` with --out "
-            "and `train` with --resume.",
+            "error: interrupted. Finished shards are kept: the same `generate` or `download` goes on. So do `evaluate` "
+            "with --out and `train` with --resume.",
             file=sys.stderr,
         )
     sys.exit(code)

@@ -39,6 +39,7 @@ def frozen_small(hosted, tmp_path, monkeypatch):
     monkeypatch.setattr(frozen, "RECORDS", records)
     monkeypatch.setenv("EIGENBENCH_CACHE", str(cache))
     monkeypatch.delenv("EIGENBENCH_MIRRORS", raising=False)
+    monkeypatch.setenv("no_proxy", "*")
     return cache
 
 

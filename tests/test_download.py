@@ -46,6 +46,7 @@ def cache(tmp_path, monkeypatch) -> Path:
     (own / "shapes").symlink_to(shapes)
     monkeypatch.setenv("EIGENBENCH_CACHE", str(own))
     monkeypatch.delenv("EIGENBENCH_MIRRORS", raising=False)
+    monkeypatch.setenv("no_proxy", "*")
     return own
 
 

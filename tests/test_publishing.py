@@ -43,6 +43,7 @@ def published(made, tmp_path_factory):
 def test_published_folder_is_a_mirror(made, published, tmp_path, monkeypatch):
     """What is downloaded from it is the same content, unpacked, from half the bytes."""
     monkeypatch.setenv("EIGENBENCH_CACHE", str(tmp_path))
+    monkeypatch.setenv("no_proxy", "*")
     frozen = read_manifest(made / "test")
     with mirror.serving(published) as server:
         bring(frozen, Options([server.address]))
