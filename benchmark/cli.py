@@ -198,6 +198,7 @@ def verify(
     as_json: Json = False,
 ) -> None:
     """Check digests, schema and invariants; name the first bad shard, row and field."""
+    from eigenbench.frozen import is_frozen
     from eigenbench.manifest import find_splits
     from eigenbench.verification import verify as check_folders
 
@@ -210,15 +211,13 @@ def verify(
     with progress_on(as_json) as progress:
         manifests = check_folders(path, progress)
     if as_json:
-        print(
-            json.dumps(
-                {str(f): {"digest": m.digest, "relabelled": relabelled.get(str(f))} for f, m in manifests.items()}
-            )
-        )
+        rows = {str(f): {"digest": m.digest, "frozen": is_frozen(m)} for f, m in manifests.items()}
+        print(json.dumps({f: row | {"relabelled": relabelled.get(f)} for f, row in rows.items()}))
         return
     for folder, m in manifests.items():
         by_fcl = f", all {relabelled[str(folder)]:,} made and labelled again, 0 differences" if deep else ""
-        print(f"{folder}: good, {m.recipe.pairs:,} pairs, digest {m.digest[:16]}{by_fcl}")
+        frozen = ", as frozen" if is_frozen(m) else ""
+        print(f"{folder}: good, {m.recipe.pairs:,} pairs, digest {m.digest[:16]}{frozen}{by_fcl}")
 
 
 @app.command()
