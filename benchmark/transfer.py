@@ -19,6 +19,8 @@ BLOCK = 1 << 18
 """Bytes that are read at a time."""
 _ROUNDS = 20
 """How often all mirrors are asked again, as long as any of them brings something."""
+_OPENINGS = 3
+"""A file is asked for from where the longest part ends; if its length is another, from where its own part ends."""
 _LEAST = 1 << 16
 """A mirror that brings fewer bytes than this in the time of its timeout is as good as silent."""
 
@@ -101,36 +103,41 @@ class Fetcher:
 
     def _from(self, mirror: Mirror, wanted: Wanted) -> None:
         """Complete a file from one mirror. If what others began proves wrong, it is brought again from its start."""
-        begun = bool(wanted.parts())
-        part = self._receive(mirror, wanted)
+        part, had = self._receive(mirror, wanted)
         if wrong := wanted.settle(part):
             part.unlink(missing_ok=True)
-            if not begun:
+            if not had:
                 raise MirrorTrouble(wrong)
             self._from(mirror, wanted)
 
-    def _receive(self, mirror: Mirror, wanted: Wanted) -> Path:
-        """Bring what is missing of a file, and return the whole, unchecked."""
+    def _receive(self, mirror: Mirror, wanted: Wanted) -> tuple[Path, int]:
+        """Bring what is missing of a file; return the whole, unchecked, and how much of it was there.
+
+        A mirror whose file has another length gets a part of its own, and what others began stays.
+        """
         parts = wanted.parts()
         offset = parts[0].stat().st_size if parts else 0
-        with open_at(mirror.address, wanted.name, offset, self.timeout) as opened:
-            part = wanted.part(opened.total)
-            fits = opened.start == offset and parts[:1] in ([], [part])
-            if opened.start == 0 or fits:
-                if not fits:
-                    parts[0].unlink()  # the server cannot begin later
-                self._append(opened, part, wanted, offset)
-                return part
-        parts[0].unlink()  # this mirror's file has another length: nothing of the part fits it
-        return self._receive(mirror, wanted)
+        for _ in range(_OPENINGS):
+            with open_at(mirror.address, wanted.name, offset, self.timeout) as opened:
+                part = wanted.part(opened.total)
+                had = part.stat().st_size if part.exists() else 0
+                if opened.start in (0, had):
+                    self._append(opened, part, wanted, had)
+                    return part, had
+            offset = had
+        text = "changes its file while it is fetched"
+        raise MirrorTrouble(text)
 
     def _append(self, opened: Opened, part: Path, wanted: Wanted, had: int) -> None:
-        """Append all that a stream brings to a part; MirrorTrouble if that is not the whole. `had` bytes were there."""
+        """Append all that a stream brings to a part; MirrorTrouble if that is not the whole.
+
+        `had` bytes are there; a server that cannot begin there sends them again, and they are passed over.
+        """
         size = opened.start
         try:
             with part.open("ab", buffering=0) as file:
                 for block in self._blocks(opened, wanted, had):
-                    _write(file, block)
+                    _write(file, block[max(0, had - size) :])
                     size += len(block)
                     if self.arrived:
                         self.arrived(wanted, size, opened.total)
@@ -140,14 +147,14 @@ class Fetcher:
             raise DataError(write_trouble(part, error)) from error
         if opened.total is not None and size != opened.total:
             text = f"broke off after {size:,} of {opened.total:,} bytes"
-            raise MirrorTrouble(text, size - had)
+            raise MirrorTrouble(text, max(0, size - had))
 
     def _blocks(self, opened: Opened, wanted: Wanted, had: int) -> Iterator[bytes]:
         """Yield what a stream brings; MirrorTrouble if it breaks, is too slow or cannot be what is wanted."""
         read = getattr(opened.stream, "read1", opened.stream.read)
         size = before = opened.start
         since = time.monotonic()
-        while block := _read(read, size - had):
+        while block := _read(read, max(0, size - had)):
             if size == 0 and not block.startswith(wanted.begins[: len(block)]):
                 text = f"sent something else ({opened.kind or 'of no stated type'})"
                 raise MirrorTrouble(text)

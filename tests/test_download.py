@@ -150,6 +150,17 @@ def test_interruption_at_any_byte_resumes(hosted, frozen, cache, monkeypatch, at
     check(frozen)
 
 
+@pytest.mark.parametrize("answer", [mirror.html, mirror.truncates, mirror.circles, mirror.floods])
+def test_bad_mirror_spoils_no_part(hosted, frozen, cache, monkeypatch, answer):
+    """What a good mirror brought before an interruption survives a bad mirror that is asked first."""
+    path = "/0.9/tube/test/inputs-00000.h5"
+    interrupt(hosted, frozen, monkeypatch, 900_000)
+    with mirror.serving(hosted, answer) as bad, mirror.serving(hosted) as good:
+        bring(frozen, Options([bad.address, good.address], timeout=1.0, jobs=1))
+        assert good.sent[path] == (hosted / path[1:]).stat().st_size - 900_000
+    check(frozen)
+
+
 def test_part_from_a_liar_is_not_believed(hosted, frozen, cache, monkeypatch, tmp_path):
     """If what one mirror began proves wrong with what another completed, that file is brought again, from its start."""
     lying = tmp_path / "lying"
