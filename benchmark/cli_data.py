@@ -192,7 +192,8 @@ def verify_cache(task: Tasks = "all", split: Split = "all", as_json: Json = Fals
     from eigenbench.shard_format import shard_name
     from eigenbench.verification import verify
 
-    good, bad = {}, {}
+    good: dict[str, str] = {}
+    bad: dict[str, str] = {}
     for manifest in _cached(task, split):
         place = place_of(manifest)
         if found := wrong_files(manifest):
@@ -203,8 +204,8 @@ def verify_cache(task: Tasks = "all", split: Split = "all", as_json: Json = Fals
     if as_json:
         print(json.dumps({"good": good, "bad": bad}))
     else:
-        for place, digest in good.items():
-            print(printable(f"{place}: good, digest {digest[:16]}"))
+        for folder, digest in good.items():
+            print(printable(f"{folder}: good, digest {digest[:16]}"))
         for text in bad.values():
             print(printable(text))
     if bad:

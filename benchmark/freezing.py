@@ -12,8 +12,7 @@ from eigenbench._version import DATA_VERSION
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError
 from eigenbench.frozen import FrozenTask, Index, first_difference, record_name
-from eigenbench.frozen_subsets import DRAWS, SIZES, few_shot_draw, ids_digest, nested_subset
-from eigenbench.lengths import analysis_rows
+from eigenbench.frozen_subsets import DRAWS, SIZES, analysis_rows, few_shot_draw, ids_digest, nested_subset
 from eigenbench.manifest import manifest_text
 from eigenbench.shards import write_text_atomically
 from eigenbench.validation_pairs import split_rows

@@ -62,8 +62,8 @@ def gap(
         },
         "metrics": {
             name: {
-                "public": interval_of(*(v[name][0] for v in (values, replicates))),
-                "other": interval_of(*(v[name][1] for v in (values, replicates))),
+                "public": interval_of(values[name][0], replicates[name][0]),
+                "other": interval_of(values[name][1], replicates[name][1]),
                 "gap": interval_of(values[name][0] - values[name][1], replicates[name][0] - replicates[name][1]),
             }
             for name in names
@@ -127,7 +127,9 @@ def _replicated(
 ) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[Floats, Floats]]]:
     """Return each metric's two values, and its two rows of replicates (R,) under the same weights of shapes."""
     first = len(a.dataset)
-    sides = [np.concatenate([a.dataset.column(name), b.dataset.column(name)]) for name in _SIDES]
+    obj_shape, obj_category, env_shape, env_category = (
+        np.concatenate([a.dataset.column(name), b.dataset.column(name)]) for name in _SIDES
+    )
 
     def both(name: str, weights: Floats) -> tuple[Floats, Floats]:
         return a.statistics[name](weights[:, :first]), b.statistics[name](weights[:, first:])
@@ -135,7 +137,7 @@ def _replicated(
     plain = np.ones((1, first + len(b.dataset)))
     values = {name: (float(x[0]), float(y[0])) for name in names for x, y in [both(name, plain)]}
     blocks: dict[str, list[tuple[Floats, Floats]]] = {name: [] for name in names}
-    for weights in crossed_weights(*sides):
+    for weights in crossed_weights(obj_shape, obj_category, env_shape, env_category):
         for name in names:
             blocks[name].append(both(name, weights))
     return values, {
