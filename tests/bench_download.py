@@ -1,6 +1,7 @@
 """Speed of `eigenbench download` against curl, for the same files of a mirror on loopback.
 
     python tests/bench_download.py DATA         # DATA/<task>/<split>, finished splits: the mirror
+    python tests/bench_download.py DATA --rate 125e6    # the server sends so many bytes a second in all
 
 The server is a process of its own that sends files by sendfile. curl fetches and stores, one file after another or several
 at a time (`curl -Z`); eigenbench also checks every digest and syncs, so that a third row gives curl with `sha256sum` and
@@ -23,17 +24,36 @@ from eigenbench.frozen import frozen_split
 from eigenbench.manifest import Manifest
 from eigenbench.shard_format import shard_name
 
+BLOCK = 4 << 20
+"""Bytes of one call of sendfile."""
 
-def serve(folder: Path, ready: "multiprocessing.Queue[int]") -> None:
+
+class Rate:
+    """Lets so many bytes a second pass, whichever connection they go through."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._next, self._lock = rate, 0.0, threading.Lock()
+
+    def wait(self, size: int) -> None:
+        """Wait until `size` more bytes may go."""
+        with self._lock:
+            now = time.monotonic()
+            self._next = max(now, self._next) + size / self._rate
+            until = self._next
+        time.sleep(max(0.0, until - now))
+
+
+def serve(folder: Path, ready: "multiprocessing.Queue[int]", rate: float) -> None:
     """Answer GET requests for files of a folder, one a connection."""
+    bound = Rate(rate)
     listener = socket.create_server(("127.0.0.1", 0))
     ready.put(listener.getsockname()[1])
     while True:
         connection, _ = listener.accept()
-        threading.Thread(target=_answer, args=(folder, connection), daemon=True).start()
+        threading.Thread(target=_answer, args=(folder, connection, bound), daemon=True).start()
 
 
-def _answer(folder: Path, connection: socket.socket) -> None:
+def _answer(folder: Path, connection: socket.socket, rate: Rate) -> None:
     with connection:
         request = b""
         while b"\r\n\r\n" not in request:
@@ -45,7 +65,12 @@ def _answer(folder: Path, connection: socket.socket) -> None:
             connection.sendall(head.encode())
             done = 0
             while done < size:
-                done += os.sendfile(connection.fileno(), file.fileno(), done, size - done)
+                block = min(BLOCK, size - done)
+                rate.wait(block)
+                sent = 0
+                while sent < block:
+                    sent += os.sendfile(connection.fileno(), file.fileno(), done + sent, block - sent)
+                done += block
 
 
 def curl(address: str, manifest: Manifest, out: Path, *flags: str, keep: bool = False) -> float:
@@ -93,6 +118,7 @@ def main() -> None:
     parser.add_argument("--split", default="test")
     parser.add_argument("--jobs", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--rate", type=float, default=float("inf"))
     parser.add_argument("--out", type=Path, default=Path("out/bench-download"))
     asked = parser.parse_args()
     manifest = frozen_split(asked.task, asked.split)
@@ -101,7 +127,7 @@ def main() -> None:
     root.mkdir(parents=True)
     (root / manifest.recipe.data_version).symlink_to(asked.data.resolve())
     ready: multiprocessing.Queue[int] = multiprocessing.Queue()
-    server = multiprocessing.Process(target=serve, args=(root, ready), daemon=True)
+    server = multiprocessing.Process(target=serve, args=(root, ready, asked.rate), daemon=True)
     server.start()
     address = f"http://127.0.0.1:{ready.get()}"
     place = asked.data / asked.task / asked.split
