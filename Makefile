@@ -6,10 +6,10 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c const
 DEMO := out/demo
 PAPER_TASKS := tube,cylinder,sphere,fit,top,mug
 
-.PHONY: help demo test check bench clean
+.PHONY: help demo test check bench freeze verify-splits clean
 
 help: ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
 
 $(VENV)/python: constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "eigenbench needs Python 3.11 or newer, $(PYTHON) is %d.%d; pass PYTHON=..." % sys.version_info[:2])'
@@ -55,6 +55,12 @@ bench: $(VENV)/bench ## seconds, memory, ratios to other engines and mismatches 
 	$(BIN)/python tests/bench_tube.py
 	$(BIN)/python tests/bench_shapes.py
 	$(BIN)/python tests/bench_training.py
+
+freeze: $(VENV)/core ## make and record the frozen splits that have no record yet: the full data, task by task
+	$(BIN)/python tests/freeze.py $(FREEZE)
+
+verify-splits: $(VENV)/core ## make every frozen split again and compare its digests
+	$(BIN)/python tests/freeze.py --check $(FREEZE)
 
 clean: ## remove what the targets above made
 	rm -rf $(VENV) .typecheck build out/demo *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -12,7 +12,7 @@ def cache_folder() -> Path:
 
     UsageError where it cannot.
     """
-    folder = _place()
+    folder = cache_place()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK | os.X_OK)
@@ -25,7 +25,8 @@ def cache_folder() -> Path:
     return folder
 
 
-def _place() -> Path:
+def cache_place() -> Path:
+    """Return the same folder, which may not exist and may be read-only."""
     chosen = os.environ.get("EIGENBENCH_CACHE")
     if chosen:
         return Path(chosen).expanduser()

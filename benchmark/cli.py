@@ -10,11 +10,14 @@ import json
 import os
 import sys
 import traceback
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_data import data_app, download, publish, split_to_score, withhold
+from eigenbench.cli_hidden import gap, hidden_app
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
@@ -33,6 +36,11 @@ app.add_typer(shapes_app, name="shapes")
 for command in SHOWING:
     app.command()(command)
 app.command()(train)
+app.command()(download)
+app.command()(publish)
+app.command()(gap)
+app.add_typer(data_app, name="data")
+app.add_typer(hidden_app, name="hidden")
 
 _INTERRUPTED = 130
 
@@ -67,8 +75,8 @@ def main() -> None:
         code = _unforeseen(error, debug)
     if code == _INTERRUPTED:
         print(
-            "error: interrupted. Finished shards are kept: the same `generate` goes on. So do `evaluate` with --out "
-            "and `train` with --resume.",
+            "error: interrupted. Finished shards are kept: the same `generate` or `download` goes on. So do `evaluate` "
+            "with --out and `train` with --resume.",
             file=sys.stderr,
         )
     sys.exit(code)
@@ -190,6 +198,7 @@ def verify(
     as_json: Json = False,
 ) -> None:
     """Check digests, schema and invariants; name the first bad shard, row and field."""
+    from eigenbench.frozen import is_frozen
     from eigenbench.manifest import find_splits
     from eigenbench.verification import verify as check_folders
 
@@ -202,21 +211,22 @@ def verify(
     with progress_on(as_json) as progress:
         manifests = check_folders(path, progress)
     if as_json:
-        print(
-            json.dumps(
-                {str(f): {"digest": m.digest, "relabelled": relabelled.get(str(f))} for f, m in manifests.items()}
-            )
-        )
+        rows = {str(f): {"digest": m.digest, "frozen": is_frozen(m)} for f, m in manifests.items()}
+        print(json.dumps({f: row | {"relabelled": relabelled.get(f)} for f, row in rows.items()}))
         return
     for folder, m in manifests.items():
         by_fcl = f", all {relabelled[str(folder)]:,} made and labelled again, 0 differences" if deep else ""
-        print(f"{folder}: good, {m.recipe.pairs:,} pairs, digest {m.digest[:16]}{by_fcl}")
+        frozen = ", as frozen" if is_frozen(m) else ""
+        print(f"{folder}: good, {m.recipe.pairs:,} pairs, digest {m.digest[:16]}{frozen}{by_fcl}")
 
 
 @app.command()
 def evaluate(
     model: Annotated[str, typer.Argument(help="model.py, or model.py:name for another builder.")],
-    data: Annotated[Path, typer.Option(help="The split to evaluate on, e.g. data/tube/test.")],
+    data: Annotated[Path | None, typer.Option(help="The split to evaluate on, e.g. data/tube/test.")] = None,
+    task: Annotated[str | None, typer.Option(help="Instead of --data: the frozen test split of this task.")] = None,
+    fresh: Annotated[str | None, typer.Option(help="With --task: a split made from this seed instead, or new.")] = None,
+    hidden: Annotated[Path | None, typer.Option(help="With --task: the held-out split of this secret instead.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/<model>-<task>-<split>-<time>.")] = None,
     batch_size: Annotated[int, typer.Option(help="Pairs per call of predict.")] = 256,
     timeout: Timeout = 120.0,
@@ -245,28 +255,34 @@ def evaluate(
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
+    place = split_to_score(data, task, fresh, hidden, as_json)
+    options = _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
+    if hidden:
+        options = replace(options, hidden=(hidden.resolve(),))
     with kept_told(), progress_on(as_json) as progress:
         done = run(
             model,
-            data,
+            place,
             out,
             batch_size=batch_size,
-            options=_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation),
+            options=options,
             few_shot=FewShot(few_shot, draws) if few_shot else None,
             data_efficiency=(
                 DataEfficiency(data_efficiency, _sizes(sizes), chains, fit_seconds) if data_efficiency else None
             ),
             checks=checks,
-            report=report,
+            report=report and hidden is None,
             progress=progress,
         )
+    if hidden:
+        done.result.update(withhold(done.folder, hidden))
     if as_json:
         print(json.dumps({"run": str(done.folder), **done.result}))
         return
     print_result(done.result)
     print_learning(done.result)
     print(f"run: {done.folder}")
-    if report:
+    if report and not hidden:
         print(f"report: {done.folder / 'report.html'}")
 
 

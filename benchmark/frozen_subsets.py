@@ -18,6 +18,8 @@ DRAW_PAIRS = 320
 DRAWS = 10
 SIZES = (300, 1_000, 3_000, 10_000, 30_000, 75_000)
 """Sizes of the data-efficiency curve, evenly spread on a logarithmic axis about the paper's 3,000."""
+ANALYSIS_PAIRS = 512
+"""Pairs of the paper's correlation analysis."""
 
 Ids = NDArray[np.uint64]
 Rows = NDArray[np.int64]
@@ -38,6 +40,11 @@ def nested_subset(task: str, chain: int, pair_id: Ids, pairs: int) -> Rows:
     UsageError if the split is too small.
     """
     return smallest_keys(f"data-efficiency {task} {chain}", pair_id, pairs)
+
+
+def analysis_rows(pair_id: Ids) -> Rows:
+    """Return the rows (512,) of the pairs with the smallest ids: ids are random, so these are a random sample."""
+    return np.argsort(pair_id, kind="stable")[:ANALYSIS_PAIRS]
 
 
 def ids_digest(pair_id: Ids) -> str:

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench import metrics
+from eigenbench.frozen_subsets import analysis_rows
 from eigenbench.intervals import Floats, Statistic, mean_over, resample
 from eigenbench.records import Arrays, Groups
 from eigenbench.shape_units import Units
 from eigenbench.truth import Judged, Scores
-
-ANALYSIS_PAIRS = 512
-"""Pairs of the paper's correlation analysis. Here: those with the smallest pair_id, which is random."""
 
 
 def length_scores(judged: Judged) -> Scores | None:
@@ -26,7 +24,7 @@ def length_scores(judged: Judged) -> Scores | None:
         return None
     arrays, t, task = judged.predictions.arrays, judged.targets, judged.truth.task
     env, obj = arrays["env_lengths"], arrays["obj_lengths"]
-    chosen = np.argsort(t["pair_id"], kind="stable")[:ANALYSIS_PAIRS]
+    chosen = analysis_rows(t["pair_id"])
     return {
         "slots": env.shape[1],
         "paper_slots": task.slots,

@@ -18,6 +18,8 @@ FOLDERS = {"benchmark": "eigenbench", "generators": "eigenbench.generators"}
 FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
 ASKS_GENERATORS = "benchmark/shape_cavities.py"
 """The one module of benchmark/, beside the command line, that reaches into generators, inside a function."""
+COMMAND_LINE = ("cli.py", "cli_data.py", "cli_hidden.py", "cli_report.py", "cli_shapes.py", "cli_train.py")
+TARGETS = ["help", "demo", "test", "check", "bench", "freeze", "verify-splits", "clean"]
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
 HEAVY += ("distributed", "fsspec", "matplotlib")
 
@@ -38,7 +40,7 @@ def test_imports_follow_the_flow(folder):
     """Each folder imports itself and benchmark/; only the command line reaches into the others."""
     others = [f for f in FOLDERS if f not in (folder, "benchmark")]
     for path in (ROOT / folder).glob("*.py"):
-        command_line = path.name in ("cli.py", "cli_report.py", "cli_shapes.py", "cli_train.py")
+        command_line = path.name in COMMAND_LINE
         if command_line or f"{folder}/{path.name}" == ASKS_GENERATORS:
             continue
         for name in imports_of(path):
@@ -48,13 +50,17 @@ def test_imports_follow_the_flow(folder):
 def test_cli_imports_inside_its_commands():
     """The modules of the command line load other folders only when a command runs."""
     light = {
+        "eigenbench._version",
+        "eigenbench.cli_data",
+        "eigenbench.cli_hidden",
         "eigenbench.cli_report",
         "eigenbench.cli_shapes",
         "eigenbench.cli_train",
         "eigenbench.console",
         "eigenbench.errors",
+        "eigenbench.tasks",
     }
-    for name in ("cli.py", "cli_report.py", "cli_shapes.py", "cli_train.py", "console.py"):
+    for name in (*COMMAND_LINE, "console.py"):
         top = ast.parse((ROOT / "benchmark" / name).read_text()).body
         names = [n.module for n in top if isinstance(n, ast.ImportFrom)]
         assert {n for n in names if n and n.startswith("eigenbench.")} <= light
@@ -85,10 +91,10 @@ def test_engines_live_behind_one_module_each():
         "PIL": "contact_sheets.py",
         "matplotlib": "figures.py",
         "distributed": "cluster.py",
-        "fsspec": "outputs.py",
     }
     for engine, home in expected.items():
         assert homes[engine] == {home}
+    assert homes["fsspec"] == {"outputs.py", "mirrors.py"}  # one writes, the other reads
     learners = {path.name for path in (ROOT / "baselines").glob("*.py")}
     assert homes["torch"] - learners == {"model_host.py", "checkpoints.py"}
 
@@ -163,13 +169,14 @@ def test_data_md_lists_every_field():
 
 
 def test_readme_names_the_commands_that_exist():
-    """README and DATA.md mention no command that the program lacks, and every example file exists."""
+    """README, DATA.md and docs mention every command and none that the program lacks; every example file exists."""
     from eigenbench.cli import app
 
     groups = {group.name: group.typer_instance for group in app.registered_groups}
     known = {(c.name or c.callback.__name__) for c in app.registered_commands}
     known |= {f"{name} {c.name}" for name, group in groups.items() for c in group.registered_commands}
     text = (ROOT / "README.md").read_text() + (ROOT / "DATA.md").read_text()
+    text += "".join(p.read_text() for p in sorted((ROOT / "docs").glob("*.md")))
     words = re.findall(r"^(?:\$ )?eigenbench (\w+)(?: (\w+))?", text, re.M)
     used = {f"{first} {second}" if first in groups else first for first, second in words}
     assert used <= known
@@ -183,4 +190,4 @@ def test_makefile_targets():
     command = ["make", "--silent", "--no-print-directory", "help"]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}  # this may run below a make
     shown = subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True).stdout
-    assert [line.split()[0] for line in shown.splitlines()] == ["help", "demo", "test", "check", "bench", "clean"]
+    assert [line.split()[0] for line in shown.splitlines()] == TARGETS

@@ -1,0 +1,139 @@
+"""The commands about frozen splits: download, data list, path, verify, repair, publish, evaluate --task."""
+
+import json
+from pathlib import Path
+
+import mirror
+import pytest
+from material import EXAMPLES
+
+from eigenbench import frozen
+from eigenbench._version import DATA_VERSION
+from eigenbench.cache import cache_folder
+from eigenbench.cli import app
+from eigenbench.errors import DataError, UsageError
+from eigenbench.freezing import write_record
+from eigenbench.frozen import FrozenTask
+from eigenbench.generators.generation import generate
+from eigenbench.manifest import read_manifest
+from eigenbench.results import load_run
+
+
+@pytest.fixture(scope="module")
+def hosted(tmp_path_factory):
+    """Return a mirror that has small train and test splits of tube."""
+    out = tmp_path_factory.mktemp("hosted")
+    generate("tube", "all", 60, out / DATA_VERSION, workers=1)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def frozen_small(hosted, tmp_path, monkeypatch):
+    """Let those splits be the frozen ones, and the cache be empty but for shapes; return the cache."""
+    shapes, cache, records = cache_folder() / "shapes", tmp_path / "cache", tmp_path / "records"
+    cache.mkdir()
+    records.mkdir()
+    (cache / "shapes").symlink_to(shapes)
+    splits = {s: read_manifest(hosted / DATA_VERSION / "tube" / s) for s in ("train", "test")}
+    write_record(records, FrozenTask("tube", DATA_VERSION, splits, {}))
+    monkeypatch.setattr(frozen, "RECORDS", records)
+    monkeypatch.setenv("EIGENBENCH_CACHE", str(cache))
+    monkeypatch.delenv("EIGENBENCH_MIRRORS", raising=False)
+    monkeypatch.setenv("no_proxy", "*")
+    return cache
+
+
+@pytest.fixture
+def run(capsys):
+    """Return a function that runs a command and returns what it prints, as JSON where --json is given."""
+
+    def command(*arguments: str):
+        capsys.readouterr()
+        app(list(arguments), standalone_mode=False)
+        out = capsys.readouterr().out
+        return json.loads(out) if "--json" in arguments else out
+
+    return command
+
+
+def test_download_list_verify_repair(hosted, frozen_small, run):
+    """From an empty cache to a whole one, a flipped bit found and mended alone, each told in words and in JSON."""
+    assert [row["present"] for row in run("data", "list", "--json")] == [0, 0]
+    with pytest.raises(DataError, match="`eigenbench download --task tube --split test` brings it"):
+        run("data", "path", "--task", "tube")
+    assert "no frozen split" in run("data", "verify")
+    with mirror.serving(hosted, mirror.html) as bad, mirror.serving(hosted) as good:
+        asked = ("--mirror", bad.address, "--mirror", good.address)
+        rows = run("download", "--task", "tube", *asked, "--json")
+        assert [row["fetched"] for row in rows] == [{good.address: 2}] * 2
+        assert "something else" in rows[0]["troubles"][bad.address]
+        assert "4 files were here" not in run("download", "--task", "all")
+        assert all(row["whole"] for row in run("data", "list", "--json"))
+        folder = run("data", "path", "--task", "tube").strip()
+        assert folder == str(frozen_small / "data" / DATA_VERSION / "tube" / "test")
+        assert run("data", "verify").count("good, digest") == 2
+        with (Path(folder) / "inputs-00000.h5").open("r+b") as file:
+            file.seek(500_000)
+            file.write(b"\x01")
+        with pytest.raises(DataError, match="1 files in the cache are wrong; `eigenbench data repair`"):
+            run("data", "verify")
+        good.asked.clear()
+        assert f"1 files from {good.address}, 1 files were here" in run("data", "repair", "--mirror", good.address)
+        assert [path for path, _ in good.asked] == [f"/{DATA_VERSION}/tube/test/inputs-00000.h5"]
+    assert run("data", "verify", "--json")["bad"] == {}
+
+
+def test_repair_without_a_mirror_makes_the_file_again(hosted, frozen_small, run):
+    """What is wrong is made here, and the rest stays."""
+    run("download", "--task", "tube", "--split", "test", "--mirror", str(hosted))
+    folder = frozen_small / "data" / DATA_VERSION / "tube" / "test"
+    (folder / "targets-00000.h5").write_bytes(b"nothing")
+    before = (folder / "inputs-00000.h5").stat().st_ino
+    assert "1 files made here, 1 files were here" in run("data", "repair")
+    assert (folder / "inputs-00000.h5").stat().st_ino == before
+    assert list(run("data", "verify", "--json")["bad"]) == []
+
+
+def test_evaluate_with_an_empty_cache_and_no_network(frozen_small, run, tmp_path):
+    """`evaluate --task` brings the frozen test split by itself: here it has to make it, and says so."""
+    path, out = str(EXAMPLES / "bounding_box.py"), tmp_path / "run"
+    run("evaluate", path, "--task", "tube", "--out", str(out), "--no-checks", "--no-report", "--isolation", "rlimits")
+    assert load_run(out).result["data"]["digest"] == frozen.frozen_split("tube", "test").digest
+    assert run("data", "list", "--json")[1]["whole"]
+
+
+def test_offline_and_no_rebuild(hosted, run, monkeypatch):
+    """--offline asks no server; --no-rebuild makes nothing here; mirrors may come from the environment."""
+    with mirror.serving(hosted) as server:
+        monkeypatch.setenv("EIGENBENCH_MIRRORS", f"{server.address} {hosted}")
+        with pytest.raises(DataError, match="no mirror is named"):
+            run("download", "--task", "tube", "--offline", "--no-rebuild", "--mirror", server.address)
+        assert server.asked == []
+        rows = run("download", "--task", "tube", "--offline", "--no-rebuild", "--json")
+        assert [row["fetched"] for row in rows] == [{str(hosted): 2}] * 2
+        assert server.asked == []
+
+
+def test_wrong_arguments(run):
+    """Unknown tasks, splits and addresses are refused in a sentence."""
+    for arguments, said in (
+        (("download", "--task", "tub"), "Did you mean 'tube'"),
+        (("download", "--task", "fit"), "no frozen splits"),
+        (("download", "--task", "tube", "--split", "val"), "Unknown split 'val'"),
+        (("download", "--task", "tube", "--jobs", "0"), "jobs is 0"),
+        (("download", "--task", "tube", "--mirror", "ftpx"), "is no folder"),
+        (("publish", "out", "--address", "https://host"), "no split to publish"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            run(*arguments)
+
+
+def test_publish_from_the_cache(hosted, run, tmp_path):
+    """What is in the cache is published, and what is published is a mirror."""
+    pytest.importorskip("pyarrow", reason="the index is Parquet")
+    run("download", "--task", "tube", "--split", "test", "--mirror", str(hosted))
+    told = run("publish", str(tmp_path / "out"), "--address", "https://host", "--no-packed", "--json")
+    assert told["files"] == 7
+    listed = (tmp_path / "out" / "SHA256SUMS").read_text()
+    assert f"{DATA_VERSION}/tube/test/inputs-00000.h5" in listed
+    assert "train" not in listed
