@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_leaderboard import leaderboard_app, submit
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
@@ -30,9 +31,11 @@ app = typer.Typer(
 )
 
 app.add_typer(shapes_app, name="shapes")
+app.add_typer(leaderboard_app, name="leaderboard")
 for command in SHOWING:
     app.command()(command)
 app.command()(train)
+app.command()(submit)
 
 _INTERRUPTED = 130
 

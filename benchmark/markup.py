@@ -60,8 +60,13 @@ def embedded_json(data: Any, name: str) -> Html:
     return tag("script", Html(body), type="application/json", id=name)
 
 
-def page(title: str, *body: object, scripts: Iterable[str] = ("page.js", "viewer.js")) -> str:
-    """Return a whole offline document.
+def page(
+    title: str,
+    *body: object,
+    scripts: Iterable[str] = ("page.js", "viewer.js"),
+    styles: Iterable[str] = ("page.css",),
+) -> str:
+    """Return a whole offline document with scripts and style sheets of the package.
 
     Its content security policy lets nothing be fetched, and no script run but the ones put in here, named by hash.
     """
@@ -78,7 +83,7 @@ def page(title: str, *body: object, scripts: Iterable[str] = ("page.js", "viewer
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
         tag("title", title),
-        tag("style", Html(asset("page.css"))),
+        tag("style", Html("".join(map(asset, styles)))),
     )
     ends = [tag("script", Html(source)) for source in sources]
     return f"<!doctype html>\n{tag('html', head, tag('body', *body, *ends), lang='en')}\n"

@@ -16,6 +16,7 @@ from eigenbench.shard_format import FIELDS, FILES, REASONS, fields_of
 
 FOLDERS = {"benchmark": "eigenbench", "generators": "eigenbench.generators"}
 FOLDERS |= {name: f"eigenbench.{name}" for name in ("baselines", "leaderboard")}
+COMMAND_LINE = ("cli.py", "cli_leaderboard.py", "cli_report.py", "cli_shapes.py", "cli_train.py")
 ASKS_GENERATORS = "benchmark/shape_cavities.py"
 """The one module of benchmark/, beside the command line, that reaches into generators, inside a function."""
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
@@ -38,7 +39,7 @@ def test_imports_follow_the_flow(folder):
     """Each folder imports itself and benchmark/; only the command line reaches into the others."""
     others = [f for f in FOLDERS if f not in (folder, "benchmark")]
     for path in (ROOT / folder).glob("*.py"):
-        command_line = path.name in ("cli.py", "cli_report.py", "cli_shapes.py", "cli_train.py")
+        command_line = path.name in COMMAND_LINE
         if command_line or f"{folder}/{path.name}" == ASKS_GENERATORS:
             continue
         for name in imports_of(path):
@@ -48,13 +49,14 @@ def test_imports_follow_the_flow(folder):
 def test_cli_imports_inside_its_commands():
     """The modules of the command line load other folders only when a command runs."""
     light = {
+        "eigenbench.cli_leaderboard",
         "eigenbench.cli_report",
         "eigenbench.cli_shapes",
         "eigenbench.cli_train",
         "eigenbench.console",
         "eigenbench.errors",
     }
-    for name in ("cli.py", "cli_report.py", "cli_shapes.py", "cli_train.py", "console.py"):
+    for name in (*COMMAND_LINE, "console.py"):
         top = ast.parse((ROOT / "benchmark" / name).read_text()).body
         names = [n.module for n in top if isinstance(n, ast.ImportFrom)]
         assert {n for n in names if n and n.startswith("eigenbench.")} <= light
