@@ -34,7 +34,8 @@ def submit(
     as_json: Json = False,
 ) -> None:
     """Check runs, score them again, and pack them as entries of a board; badge self-reported."""
-    from eigenbench.leaderboard.submission import About, submit as hand_in
+    from eigenbench.leaderboard.submission import About
+    from eigenbench.leaderboard.submission import submit as hand_in
 
     about = About(name, authors, tuple(link or ()), parameters, note)
     links = hand_in(runs, board, about, data or [Path("data")])
@@ -64,9 +65,9 @@ def new(
     data: Data = None,
 ) -> None:
     """Open a board about the test splits at --data; their digests are fixed for ever."""
-    from eigenbench.leaderboard.boards import open_board
+    from eigenbench.leaderboard.boards import open_board, read_manifests
 
-    link = open_board(board, name, data or [Path("data")])
+    link = open_board(board, name, read_manifests(data or [Path("data")]))
     body = link.record.body
     print(printable(f"{board}: board '{body['name']}', data {body['data_version']}: {', '.join(body['data'])}"))
     print(f"head: {link.digest}")

@@ -102,9 +102,7 @@ def verify_board(
     return Audited(links, faults, rescored)
 
 
-def _rescoring(
-    links: list[Link], data: Sequence[str | Path], progress: Progress | None
-) -> tuple[list[Fault], int]:
+def _rescoring(links: list[Link], data: Sequence[str | Path], progress: Progress | None) -> tuple[list[Fault], int]:
     splits, asked = find_tests(data), links[0].record.body["data"]
     if not splits.keys() & asked.keys():
         msg = f"The board is about {', '.join(asked)}; none of them is at {', '.join(map(str, data))}."

@@ -1,6 +1,6 @@
 """Opening a board, and all that is said of its entries later: badges, challenges, answers, withdrawals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,12 @@ from eigenbench.tasks import TASKS
 from eigenbench.truth import composed_decision
 
 LEAST_EQUAL = 0.99
-"""Share of the decisions in which another run of the same model must agree to confirm an entry: rounding differs between
-machines, and no model changes its mind about more than the pairs nearest to its boundary."""
+"""Share of the decisions in which another run of the same model must agree to confirm an entry: machines round
+differently, which moves the pairs nearest to a model's boundary and no others."""
 
 
-def open_board(board: str | Path, name: str, data: Sequence[str | Path]) -> Link:
-    """Write the first record of a new board, about the test splits at `data`.
+def open_board(board: str | Path, name: str, splits: Mapping[str, Manifest]) -> Link:
+    """Write the first record of a new board, about test splits given by their manifests, by task.
 
     Raises
     ------
@@ -36,20 +36,24 @@ def open_board(board: str | Path, name: str, data: Sequence[str | Path]) -> Link
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         msg = f"{folder} holds something already; a new board needs a folder of its own."
         raise UsageError(msg)
-    manifests = {task: read_manifest(split) for task, split in find_tests(data).items()}
-    for task, manifest in manifests.items():
+    for task, manifest in splits.items():
         _check_public(task, manifest)
-    versions = {m.recipe.data_version for m in manifests.values()}
-    if len(versions) > 1:
-        msg = f"The splits are of data versions {', '.join(sorted(versions))}; a board is about one."
+    versions = {m.recipe.data_version for m in splits.values()}
+    if len(versions) != 1:
+        msg = f"The splits are of data versions {', '.join(sorted(versions)) or 'none'}; a board is about one."
         raise DataError(msg)
-    ordered = sorted(manifests, key=lambda t: list(TASKS).index(t) if t in TASKS else len(TASKS))
+    ordered = sorted(splits, key=lambda t: list(TASKS).index(t) if t in TASKS else len(TASKS))
     body = {
         "name": name,
         "data_version": versions.pop(),
-        "data": {t: {"digest": manifests[t].digest, "pairs": manifests[t].recipe.pairs} for t in ordered},
+        "data": {t: {"digest": splits[t].digest, "pairs": splits[t].recipe.pairs} for t in ordered},
     }
     return append_record(folder, [], "board", body)
+
+
+def read_manifests(data: Sequence[str | Path]) -> dict[str, Manifest]:
+    """Return the manifests of the test splits at or below folders, by task."""
+    return {task: read_manifest(split) for task, split in find_tests(data).items()}
 
 
 def _check_public(task: str, manifest: Manifest) -> None:
@@ -139,7 +143,7 @@ def _compared_with(entry: Entry, key: AnswerKey, split: Path, reruns: list[Path]
 
 
 def challenge(board: str | Path, number: int, by: str, reason: str, evidence: Sequence[str] = ()) -> Link:
-    """Doubt an entry in public; it stays ranked, marked, until the challenge is answered. UsageError if it cannot be."""
+    """Doubt an entry in public; it stays ranked, marked, until that is answered. UsageError if it cannot be doubted."""
     links = read_chain(board)
     body = {"entry": number, "by": by, "reason": reason, "links": list(evidence)}
     _concerned(links, "challenge", body)

@@ -109,9 +109,12 @@ def chain_faults(links: list[Link]) -> Iterator[tuple[int, str]]:
             yield place, f"a record of kind '{record.kind}' cannot be number {place}; 'board' is number 0 and no other"
         before = links[place - 1].digest if place else ""
         if record.previous != before:
-            yield place, (
-                f"it carries the hash {record.previous[:16] or 'nothing'} of the record before, which has "
-                f"{before[:16] or 'none'}: the chain is broken here"
+            yield (
+                place,
+                (
+                    f"it carries the hash {record.previous[:16] or 'nothing'} of the record before, which has "
+                    f"{before[:16] or 'none'}: the chain is broken here"
+                ),
             )
 
 

@@ -55,7 +55,9 @@ def entry_page(entry: Entry, results: Sequence[Mapping[str, Any]], others: Seque
     body = [
         header(
             model["name"],
-            joined([link_to(task_page_name(entry.task), f"Task {entry.task}"), tag("span", f"entry {entry.number}")], " · "),
+            joined(
+                [link_to(task_page_name(entry.task), f"Task {entry.task}"), tag("span", f"entry {entry.number}")], " · "
+            ),
             tag("p", model["authors"], class_="verdict"),
             tag("p", joined([badge_chip(entry), status_chip(entry), tag("span", BADGE_WORDS[entry.badge])])),
             tag("p", model["note"]) if model["note"] else None,
@@ -84,7 +86,8 @@ def _headline(entry: Entry) -> Html:
     rows = [(SHOWN[n][0], interval(entry.body["scores"][n])) for n in percent]
     low = min([0.4, *(c.low for _, c in rows if hasattr(c, "low") and c.low is not None)])
     first = table_html(
-        Table("decisions", "Decisions", (("metric", TEXT), ("value", PERCENT)), tuple(rows)), rule=(int(10 * low) / 10, 1.0)
+        Table("decisions", "Decisions", (("metric", TEXT), ("value", PERCENT)), tuple(rows)),
+        rule=(int(10 * low) / 10, 1.0),
     )
     rest = [n for n in SHOWN if n in entry.body["scores"] and n not in percent]
     numbers = tuple((SHOWN[n][0], interval(entry.body["scores"][n])) for n in rest)
@@ -92,7 +95,11 @@ def _headline(entry: Entry) -> Html:
     missing = [SHOWN[n][0] for n in SHOWN if n not in entry.body["scores"]]
     left = tag("p", f"Not provided: {', '.join(missing)}.", class_="note") if missing else None
     return section(
-        "content", "Scores", tag("p", note, class_="note"), tag("div", tag("div", first), tag("div", second), class_="columns"), left
+        "content",
+        "Scores",
+        tag("p", note, class_="note"),
+        tag("div", tag("div", first), tag("div", second), class_="columns"),
+        left,
     )
 
 
@@ -153,7 +160,11 @@ def _angles(scores: Scores) -> Html | None:
         )
         figures.append(tag("figure", tag("figcaption", f"{name}, slot {found['slot']}: median {median:.2f}°"), plot))
     words = "All pairs, sign-free. Dashed: directions at random; red: the median."
-    return section("angles", "Directions", tag("p", words, class_="note"), tag("div", *figures, class_="plots")) if figures else None
+    return (
+        section("angles", "Directions", tag("p", words, class_="note"), tag("div", *figures, class_="plots"))
+        if figures
+        else None
+    )
 
 
 def _runs(entry: Entry, results: Sequence[Mapping[str, Any]]) -> Html | None:
@@ -161,10 +172,16 @@ def _runs(entry: Entry, results: Sequence[Mapping[str, Any]]) -> Html | None:
         return None
     columns = (("run", TEXT), ("accuracy", PERCENT), ("AUROC", NUMBER), ("weights", TEXT))
     rows = tuple(
-        (f"run {k + 1}", *(interval_of(result["scores"][n]) for n in ("accuracy", "auroc")), (row["weights"] or "none")[:16])
+        (
+            f"run {k + 1}",
+            *(interval_of(result["scores"][n]) for n in ("accuracy", "auroc")),
+            (row["weights"] or "none")[:16],
+        )
         for k, (result, row) in enumerate(zip(results, entry.body["runs"], strict=True))
     )
-    return section("runs", "Runs", table_html(Table("runs", "One run a seed; the plots above are of run 1", columns, rows)))
+    return section(
+        "runs", "Runs", table_html(Table("runs", "One run a seed; the plots above are of run 1", columns, rows))
+    )
 
 
 def _origin(entry: Entry, result: Mapping[str, Any]) -> Html:
@@ -185,7 +202,12 @@ def _origin(entry: Entry, result: Mapping[str, Any]) -> Html:
         "date of the run": result.get("date"),
         "date of the entry": entry.date,
     }
-    blocks = [facts(model, "Model"), facts(body["data"], "Data"), facts(where, "Run"), facts(result["hardware"], "Hardware")]
+    blocks = [
+        facts(model, "Model"),
+        facts(body["data"], "Data"),
+        facts(where, "Run"),
+        facts(result["hardware"], "Hardware"),
+    ]
     return section("origin", "Where it comes from", tag("div", *(tag("div", b) for b in blocks), class_="columns"))
 
 

@@ -103,7 +103,7 @@ def read_arrays(content: bytes, place: str, names: Collection[str] | None = None
 
 
 def read_pack(content: bytes, place: str, pairs: int, analysed: int) -> Pack:
-    """Read a pack of `pairs` pairs, `analysed` of them analysed; DataError if it contradicts the interface or itself."""
+    """Read a pack of so many pairs, so many of them analysed; DataError if it contradicts the interface or itself."""
     if len(content) > MAX_PACK:
         msg = f"{place} has {len(content):,} bytes; at most {MAX_PACK:,} are allowed."
         raise DataError(msg)

@@ -31,9 +31,7 @@ def ranks(values: Floats, replicates: Floats) -> list[Rank]:
     better = is_better(values, replicates)
     above, below = better.sum(axis=0), better.sum(axis=1)
     count = len(values)
-    return [
-        Rank(1 + int(a), count - int(b), count - 1 - int(a) - int(b)) for a, b in zip(above, below, strict=True)
-    ]
+    return [Rank(1 + int(a), count - int(b), count - 1 - int(a) - int(b)) for a, b in zip(above, below, strict=True)]
 
 
 def is_better(values: Floats, replicates: Floats) -> NDArray[np.bool_]:

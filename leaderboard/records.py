@@ -54,7 +54,7 @@ class Record:
 
     def content(self) -> bytes:
         """Return the bytes of its file."""
-        return (json.dumps(asdict(self), indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
+        return (json.dumps(asdict(self), indent=1, allow_nan=False) + "\n").encode()
 
 
 def sha256(content: bytes) -> str:

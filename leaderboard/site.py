@@ -31,7 +31,9 @@ def build_site(board: str | Path, out: str | Path) -> list[Path]:
     audited = verify_board(board)
     if audited.faults:
         first = audited.faults[0]
-        msg = f"{board} is not in order: record {first.number}: {first.what}. `eigenbench leaderboard verify` tells all."
+        msg = (
+            f"{board} is not in order: record {first.number}: {first.what}. `eigenbench leaderboard verify` tells all."
+        )
         raise DataError(msg)
     entries = entries_of(audited.links)
     body = audited.links[0].record.body

@@ -10,8 +10,8 @@ from eigenbench.dataset import load
 from eigenbench.errors import DataError, UsageError
 from eigenbench.leaderboard.answer_key import AnswerKey, find_tests, open_key
 from eigenbench.leaderboard.chain import MAX_PACK, REPLICATES, Link, append_record, pack_name, read_chain, result_name
-from eigenbench.leaderboard.packing import pack_bytes, pack_predictions, read_pack
 from eigenbench.leaderboard.pack_scores import differs_from_result, replicates_bytes, run_seed, score_packs
+from eigenbench.leaderboard.packing import pack_bytes, pack_predictions, read_pack
 from eigenbench.leaderboard.records import MAX_SEEDS, check_body, sha256
 from eigenbench.leaderboard.standing import Entry, entries_of
 from eigenbench.results import RESULT, RESULT_VERSION, Run, load_run, read_run
@@ -129,9 +129,7 @@ def _read(folder: Path, key: AnswerKey, split: Path, board: dict[str, Any]) -> R
     return run
 
 
-def _entry(
-    group: _Checked, key: AnswerKey, about: About, links: list[Link]
-) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _entry(group: _Checked, key: AnswerKey, about: About, links: list[Link]) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return an entry's body and files."""
     _check_seeds(group)
     files: dict[str, bytes] = {}

@@ -27,6 +27,7 @@ from eigenbench.report_cells import PERCENT, title_of, write_cell
 from eigenbench.report_source import interval_of
 from eigenbench.tasks import find_task
 
+_TO = "\u2013"
 _COLUMNS = ("accuracy", "auroc", "calibration_error", "matched_r2", "angle_degrees")
 
 
@@ -54,15 +55,17 @@ def task_page(
     ]
     if out:
         rows = [_row(entry, None, low) for entry in out]
-        body.append(section("out", "Out of the ranking", _table(rows, low, "Withdrawn and refuted entries", plain=True)))
+        body.append(
+            section("out", "Out of the ranking", _table(rows, low, "Withdrawn and refuted entries", plain=True))
+        )
     return site_page(f"{task} · eigenbench", *body, head=head, scripts=("page.js", "board.js"))
 
 
 def _explained(count: int) -> str:
     return (
-        "By accuracy, mean over seeds. In brackets and on the rulers: 95% intervals by a crossed bootstrap over shapes. "
-        f"A rank such as 2–5 is a tie: paired comparisons of all {count:,} entries, corrected by Holm, do not tell these "
-        "apart. R2 and angles are over the 512 analysis pairs. Headings sort."
+        "By accuracy, mean over seeds. In brackets and on the rulers: 95% intervals by a crossed bootstrap over "
+        f"shapes. A rank such as 2{_TO}5 is a tie: paired comparisons of all {count:,} entries, corrected by Holm, do "
+        "not tell these apart. R2 and angles are over the 512 analysis pairs. Headings sort."
     )
 
 
@@ -76,7 +79,8 @@ def _beside(result: Mapping[str, Any]) -> Html | None:
 
 def _filters() -> Html:
     options = [
-        tag("option", badge if k + 1 == len(BADGES) else f"{badge} or better", value=k) for k, badge in enumerate(BADGES)
+        tag("option", badge if k + 1 == len(BADGES) else f"{badge} or better", value=k)
+        for k, badge in enumerate(BADGES)
     ]
     return tag(
         "div",
@@ -101,7 +105,9 @@ def _table(rows: Sequence[Html], low: float, label: str = "Ranking", *, plain: b
     head = [
         tag("th", title, scope="col", class_="i")
         if k == 3
-        else tag("th", title if plain else tag("button", title, type="button"), scope="col", class_=kind, aria_sort="none")
+        else tag(
+            "th", title if plain else tag("button", title, type="button"), scope="col", class_=kind, aria_sort="none"
+        )
         for k, (title, kind) in enumerate(headings)
     ]
     body = tag("table", tag("thead", tag("tr", *head)), tag("tbody", *rows), aria_label=label, class_="board")
@@ -131,8 +137,8 @@ def _row(entry: Entry, rank: Rank | None, low: float) -> Html:
 
 def _rank_cell(rank: Rank | None) -> Html:
     if rank is None:
-        return tag("td", "–", class_="rank")
-    shown = f"{rank.best}" if rank.best == rank.worst else f"{rank.best}–{rank.worst}"
+        return tag("td", _TO, class_="rank")
+    shown = f"{rank.best}" if rank.best == rank.worst else f"{rank.best}{_TO}{rank.worst}"
     told = f"tied with {rank.tied}" if rank.tied else None
     return tag("td", shown, class_="rank", data_v=rank.best + rank.worst / 1e6, title=told)
 
