@@ -103,7 +103,8 @@ def verify_command(
         msg = f"{board} has {len(found.faults)} faults, in records {_listed(numbers)}."
         raise DataError(msg)
     if not as_json:
-        how = f"{found.rescored} entries scored again" if places else "scores not checked (--no-scores)"
+        entries = sum(link.record.kind == "entry" for link in found.links)
+        how = f"{found.rescored} of {entries} entries scored again" if places else "scores not checked (--no-scores)"
         print(printable(f"{board}: good, {len(found.links)} records, {how}"))
         print(f"head: {found.head}")
 

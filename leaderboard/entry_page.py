@@ -15,6 +15,7 @@ from eigenbench.leaderboard.pieces import (
     joined,
     link_to,
     outside_link,
+    shown_if_sound,
     site_page,
     status_chip,
     task_page_name,
@@ -42,7 +43,7 @@ def entry_page(entry: Entry, results: Sequence[Mapping[str, Any]], others: Seque
     Results are shown as far as they can be: one that is of another form loses the sections that it spoils.
     """
     model = entry.body["model"]
-    scores = results[0]["scores"]
+    scores = results[0].get("scores", {})
     makers: list[Callable[[], Html | None]] = [
         lambda: _margins(scores),
         lambda: category_section(_categories(scores)),
@@ -64,27 +65,20 @@ def entry_page(entry: Entry, results: Sequence[Mapping[str, Any]], others: Seque
             tag("p", joined([outside_link(a) for a in model["links"]], " · ")) if model["links"] else None,
         ),
         _headline(entry),
-        *(_shown(maker) for maker in makers),
+        *(shown_if_sound(maker) for maker in makers),
         _history(entry),
         _others(others),
     ]
     return site_page(f"{model['name']} on {entry.task} · eigenbench", *body, head=head, scripts=("page.js",))
 
 
-def _shown(maker: Callable[[], Html | None]) -> Html | None:
-    try:
-        return maker()
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
-        return tag("p", "A part of its result is of another form and cannot be shown.", class_="note")
-
-
 def _headline(entry: Entry) -> Html:
     seeds = "mean over the seeds" if len(entry.body["runs"]) > 1 else "one seed"
     note = f"95% intervals, {seeds}; R2 and angles over the 512 analysis pairs."
-    rows: list[tuple[Cell, ...]] = [("accuracy", interval(entry.body["scores"]["accuracy"]))]
     percent = [n for n in SHOWN if n in entry.body["scores"] and SHOWN[n][1] == PERCENT]
-    rows = [(SHOWN[n][0], interval(entry.body["scores"][n])) for n in percent]
-    low = min([0.4, *(c.low for _, c in rows if hasattr(c, "low") and c.low is not None)])
+    intervals = [interval(entry.body["scores"][n]) for n in percent]
+    low = min([0.4, *(i.low for i in intervals if i.low is not None)])
+    rows: list[tuple[Cell, ...]] = [(SHOWN[n][0], i) for n, i in zip(percent, intervals, strict=True)]
     first = table_html(
         Table("decisions", "Decisions", (("metric", TEXT), ("value", PERCENT)), tuple(rows)),
         rule=(int(10 * low) / 10, 1.0),

@@ -11,6 +11,7 @@ from eigenbench.leaderboard.pieces import (
     score_cells,
     site_page,
     task_page_name,
+    with_code,
 )
 from eigenbench.leaderboard.ranking import Rank
 from eigenbench.leaderboard.standing import Entry
@@ -30,7 +31,7 @@ def index_page(board: Mapping[str, Any], ranked: Mapping[str, Sequence[tuple[Ent
         f"{board['name']} · leaderboard",
         header(board["name"], "leaderboard", tag("p", words, class_="verdict")),
         section("content", "Tasks", table),
-        section("check", "Take part, and check", *(tag("p", line) for line in _HOW)),
+        section("check", "Take part, and check", *(tag("p", with_code(line)) for line in _HOW)),
         head=head,
     )
 

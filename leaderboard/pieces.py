@@ -1,5 +1,6 @@
 """Pieces that several pages of the site share: names of pages, chips, headers, cells of scores."""
 
+from collections.abc import Callable
 from typing import Any
 
 from eigenbench.errors import printable
@@ -84,6 +85,19 @@ def score_cells(scores: dict[str, Any], name: str) -> tuple[str, str, float | No
 def metric_heading(name: str) -> str:
     """Return a metric's heading, with an arrow that says which way is better."""
     return f"{SHOWN[name][0]} {'↑' if HEADLINE[name] > 0 else '↓'}"
+
+
+def with_code(line: str) -> Html:
+    """Return text whose pieces between backquotes are set as code."""
+    return join(tag("code", part) if k % 2 else part for k, part in enumerate(line.split("`")))
+
+
+def shown_if_sound(maker: Callable[[], Html | None]) -> Html | None:
+    """Return what is made from a result, or say that it is of another form: nobody checked what it tells."""
+    try:
+        return maker()
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
+        return tag("p", "A part of a result is of another form and cannot be shown.", class_="note")
 
 
 def joined(parts: list[Html | None], between: str = " ") -> Html:

@@ -201,6 +201,17 @@ _RECORD: Schema = {
     "body": (lambda v: isinstance(v, dict), "an object"),
 }
 
+
+def _scores() -> Rule:
+    is_good, words = _map_of(lambda k: k in HEADLINE, _object(_INTERVAL), "headline metric")
+    return (
+        lambda v: (
+            is_good(v) and "accuracy" in v and None not in (v["accuracy"][end] for end in ("value", "low", "high"))
+        ),
+        f"{words}; accuracy among them, with an interval",
+    )
+
+
 KINDS: dict[str, Schema] = {
     "board": {
         "name": _text(_NAME),
@@ -214,7 +225,7 @@ KINDS: dict[str, Schema] = {
         "data": _object({"version": _text(20), **_SPLIT}),
         "runs": _list_of(_object(_RUN), 1, MAX_SEEDS),
         "replicates": _SHA,
-        "scores": _map_of(lambda k: k in HEADLINE, _object(_INTERVAL), "headline metric"),
+        "scores": _scores(),
     },
     "badge": {
         "entry": _ENTRY,

@@ -64,8 +64,8 @@ def rank_entries(entries: Sequence[Entry]) -> list[tuple[Entry, Rank]]:
 def _accuracies(entry: Entry) -> Any:
     place = f"{entry.folder.name}/{REPLICATES}"
     found = read_replicates(read_file(entry.folder / REPLICATES, MAX_PACK), place, ("accuracy",))
-    if "accuracy" not in found:
-        msg = f"{place} holds no replicates of the accuracy; restore it from the board's history."
+    if "accuracy" not in found or not np.isfinite(found["accuracy"]).all():
+        msg = f"{place} holds no finite replicates of the accuracy; restore it from the board's history."
         raise DataError(msg)
     return found["accuracy"]
 

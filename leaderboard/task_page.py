@@ -15,6 +15,7 @@ from eigenbench.leaderboard.pieces import (
     link_to,
     metric_heading,
     score_cells,
+    shown_if_sound,
     site_page,
     status_chip,
 )
@@ -48,7 +49,7 @@ def task_page(
             "content",
             "Ranking",
             tag("p", _explained(len(ranked)), class_="note"),
-            _beside(result),
+            shown_if_sound(lambda: _beside(result)),
             _filters(),
             _table([_row(entry, rank, low) for entry, rank in ranked], low) if ranked else tag("p", "No entry yet."),
         ),
@@ -120,7 +121,7 @@ def _row(entry: Entry, rank: Rank | None, low: float) -> Html:
     for name in _COLUMNS:
         value, ends, number = score_cells(scores, name)
         bounds = tag("span", f" {ends}", class_="i") if ends and name == "accuracy" else None
-        cells.append(tag("td", value, bounds, class_="n", data_v=_sortable(number, HEADLINE[name]), title=ends or None))
+        cells.append(tag("td", value, bounds, class_="n", data_v=_sortable(number, HEADLINE[name])))
     accuracy: Interval = interval(scores["accuracy"])
     cells.insert(3, tag("td", ruler(accuracy, low, 1.0, kind="model")))
     seeds, parameters = len(entry.body["runs"]), model["parameters"]

@@ -50,6 +50,14 @@ def test_altered_predictions_with_forged_digests(board, board_data):
     only(board, 2, "run 1: accuracy is 1 by its predictions", [board_data])
 
 
+def test_replicates_that_are_no_numbers(board):
+    """Replicates that would spoil every rank stop the site, with the reason."""
+    content = replicates_bytes({name: np.full(1000, np.nan) for name in body_of(board, 2)["scores"]})
+    replace_file(board, 2, "replicates.npz", content, {"replicates": sha256(content)})
+    with pytest.raises(DataError, match="00002/replicates.npz holds no finite replicates"):
+        build_site(board, board.parent / "site")
+
+
 @pytest.mark.parametrize("part", ["value", "low"])
 def test_forged_scores(board, board_data, part):
     """A better score in the record, hashes mended, does not follow from the predictions."""
@@ -169,15 +177,24 @@ def test_another_data_version(board):
 
 def test_results_of_another_form(board, board_data):
     """A result whose scores are nonsense cannot be scored again, and spoils no page but its own sections."""
-    for nonsense in (["no"], {"accuracy": 3}, {"reliability": {"bins": [1]}, "lengths": {"names": 7}, "angles": "x"}):
-        result = json.loads((board / "00002" / "run-1.json").read_text()) | {"scores": nonsense}
-        content = json.dumps(result).encode()
-        runs = body_of(board, 2)["runs"]
-        runs[0]["result"] = sha256(content)
-        replace_file(board, 2, "run-1.json", content, {"runs": runs})
+    for nonsense in (
+        ["no"],
+        {"accuracy": 3, "references": [1]},
+        {"reliability": {"bins": [1]}, "lengths": {"names": 7}},
+    ):
+        for number in (1, 2):
+            result = json.loads((board / f"{number:05d}" / "run-1.json").read_text()) | {"scores": nonsense}
+            content = json.dumps(result).encode()
+            runs = body_of(board, number)["runs"]
+            runs[0]["result"] = sha256(content)
+            replace_file(board, number, "run-1.json", content, {"runs": runs})
         assert faults(board) == []
-        assert isinstance(nonsense, dict) or faults(board, [board_data])
         assert (build_site(board, board.parent / "site")[0]).is_file()
+    edit = json.loads((board / "00001" / "run-1.json").read_text()) | {"scores": ["no"]}
+    runs = body_of(board, 1)["runs"]
+    runs[0]["result"] = sha256(json.dumps(edit).encode())
+    replace_file(board, 1, "run-1.json", json.dumps(edit).encode(), {"runs": runs})
+    only(board, 1, "it cannot be scored again", [board_data])
 
 
 def test_exit_codes(board, board_data):
@@ -185,7 +202,7 @@ def test_exit_codes(board, board_data):
     run = CliRunner().invoke
     good = run(app, ["leaderboard", "verify", str(board), "--data", str(board_data)])
     assert good.exit_code == 0
-    assert "good, 5 records, 4 entries scored again" in good.output
+    assert "good, 5 records, 4 of 4 entries scored again" in good.output
     (board / "00001" / "run-1.npz").write_bytes(b"")
     bad = run(app, ["leaderboard", "verify", str(board), "--no-scores"])
     assert "record 1: run-1.npz was altered" in bad.output
