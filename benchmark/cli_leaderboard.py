@@ -58,7 +58,7 @@ def _print_entry(link: Any) -> None:
     print(f"head: {link.digest}")
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("new")
 def new(
     board: Board,
     name: Annotated[str, typer.Option(help="The board's name.")] = "eigenbench",
@@ -113,7 +113,7 @@ def _listed(numbers: list[int]) -> str:
     return ", ".join(map(str, numbers[:10])) + (", ..." if len(numbers) > 10 else "")
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("badge")
 def badge(
     board: Board,
     entry: EntryNumber,
@@ -130,7 +130,7 @@ def badge(
     _print_records([award_badge(board, entry, level, by, data or [Path("data")], run or [])])
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("challenge")
 def challenge(board: Board, entry: EntryNumber, by: By, reason: Reason, link: Links = None) -> None:
     """Doubt an entry in public; it stays ranked, marked, until the challenge is answered."""
     from eigenbench.leaderboard.boards import challenge as record
@@ -138,7 +138,7 @@ def challenge(board: Board, entry: EntryNumber, by: By, reason: Reason, link: Li
     _print_records([record(board, entry, by, reason, link or [])])
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("answer")
 def answer(
     board: Board,
     number: Annotated[int, typer.Argument(help="Number of the challenge.")],
@@ -152,7 +152,7 @@ def answer(
     _print_records([answer_challenge(board, number, by, reason, upheld=upheld)])
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("withdraw")
 def withdraw(board: Board, entry: EntryNumber, by: By, reason: Reason) -> None:
     """Take an entry back; its record stays."""
     from eigenbench.leaderboard.boards import withdraw as record
@@ -167,7 +167,7 @@ def _print_records(links: Iterable[Any]) -> None:
         print(f"head: {link.digest}")
 
 
-@leaderboard_app.command()
+@leaderboard_app.command("build")
 def build(
     board: Board,
     out: Annotated[Path, typer.Option(help="Folder that receives the site.")],

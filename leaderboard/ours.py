@@ -66,8 +66,10 @@ def _run(model: Path, split: Path, runs: Path, attempt: int) -> Path:
 
 def _enter(board: Path, data: Sequence[Path], runs: Sequence[Path], about: About) -> None:
     first, second = runs
-    digest = load_run(first).result["predictions_digest"]
-    entries = [e for e in entries_of(read_chain(board)) if digest in e.predictions and e.withdrawn is None]
+    result = load_run(first).result
+    own = (result["data"]["task"], result["predictions_digest"])
+    there = [e for e in entries_of(read_chain(board)) if e.withdrawn is None]
+    entries = [e for e in there if own in ((e.task, digest) for digest in e.predictions)]
     number = entries[0].number if entries else submit([first], board, about, data)[0].record.number
     if not entries or entries[0].badge != "re-run":
         award_badge(board, number, "re-run", BY, data, [second])

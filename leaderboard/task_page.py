@@ -88,6 +88,7 @@ def _filters() -> Html:
         tag("label", "Badge ", tag("select", *options, id="least")),
         tag("label", "Model or authors ", tag("input", type="search", id="words")),
         tag("output", id="count", aria_live="polite"),
+        tag("button", "Show all", type="button", id="all", hidden=True),
         class_="filters",
         id="filters",
         hidden=True,

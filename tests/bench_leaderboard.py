@@ -44,7 +44,7 @@ def fill(board: Path, count: int) -> None:
     result = json.loads((first.folder / "run-1.json").read_text())
     rng = np.random.default_rng(0)
     shared = rng.normal(0, 0.004, 1000)
-    for k in range(2, count + 1):
+    for k in range(len(links), count + 1):
         value = float(rng.uniform(0.6, 0.99))
         body = json.loads(json.dumps(first.record.body))
         digest = sha256(str(k).encode())

@@ -93,3 +93,21 @@ def test_light_and_dark(page, site):
         page.open(site / "index.html")
         looks.append(page.value("getComputedStyle(document.body).backgroundColor"))
     assert looks[0] != looks[1]
+
+
+def test_a_long_board_shows_its_first_rows(page, site):
+    """Of many rows the first 200 are shown, in the order that they were sorted to, and all on demand."""
+    page.open(site / "task-tube.html")
+    page.value(
+        "(() => { const b = document.querySelector('table.board').tBodies[0]; const r = b.rows[0];"
+        " for (let k = 0; k < 300; k += 1) { const c = r.cloneNode(true); c.cells[2].dataset.v = k / 1000; b.append(c); }"
+        " document.getElementById('words').dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+    assert page.value(f"{_ROWS}.length") == 200
+    page.value("document.querySelectorAll('#content thead button')[2].click()")
+    assert page.value(f"{_ROWS}.length") == 200
+    assert page.value(f"Number({_ROWS}[0].cells[2].dataset.v)") == 0
+    page.value("document.getElementById('all').focus()")
+    page.press("Enter")
+    assert page.value(f"{_ROWS}.length") == 303
+    assert page.value("document.getElementById('all').hidden")

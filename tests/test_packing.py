@@ -155,3 +155,18 @@ def test_no_small_file_fills_the_memory(key):
     for content in (b"", b"PK\x03\x04 no", b"\x80\x04pickle"):
         with pytest.raises(DataError, match="cannot be read"):
             read_pack(content, "pack", key.pairs, len(key.analysed))
+
+
+@pytest.mark.parametrize("slots", [1, 5])
+def test_other_numbers_of_slots(split, key, slots):
+    """With fewer slots than lengths, or more, R2 still is that of the result; what is missing counts 0."""
+    arrays = noisy(split, 0.05).arrays
+    rng = np.random.default_rng(0)
+    for side in ("env_lengths", "obj_lengths"):
+        more = 9.0 * (side == "env_lengths") + rng.random((key.pairs, 5), np.float32)
+        arrays[side] = np.concatenate([arrays[side], more], axis=1)[:, :slots]
+    predictions = Predictions(arrays)
+    pack = round_trip(pack_predictions(predictions, key.analysed), key)
+    assert list(differs_from_result(pack, key, score_predictions(predictions, Truth.of(load(split))))) == []
+    value = score_packs([pack], key, 0)[0]["matched_r2"]["value"]
+    assert value < 0.5 if slots == 1 else value > 0.9
