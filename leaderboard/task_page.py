@@ -50,7 +50,7 @@ def task_page(
             "Ranking",
             tag("p", _explained(len(ranked)), class_="note"),
             shown_if_sound(lambda: _beside(result)),
-            _filters(),
+            _filters() if ranked else None,
             _table([_row(entry, rank, low) for entry, rank in ranked], low) if ranked else tag("p", "No entry yet."),
         ),
     ]

@@ -7,7 +7,7 @@ import pytest
 from boarded import NAME
 
 from eigenbench.errors import DataError, UsageError
-from eigenbench.leaderboard.boards import award_badge, challenge, withdraw
+from eigenbench.leaderboard.boards import award_badge, challenge, open_board, read_manifests, withdraw
 from eigenbench.leaderboard.site import build_site
 
 _VOID = {"meta", "path", "rect", "circle", "line", "br", "polygon", "input"}
@@ -83,6 +83,15 @@ def test_entries_out_of_the_ranking(board, board_data, tmp_path):
     assert "a &lt;reader&gt;" in page
     assert 'href="https://example.org/why"' in page
     assert re.search(r"withdrawn</b> by author: a bug", (tmp_path / "site" / "entry-00003.html").read_text())
+
+
+def test_an_empty_board_has_a_site(board_data, tmp_path):
+    """Its tasks are there, without entries and filters."""
+    open_board(tmp_path / "board", "empty", read_manifests([board_data]))
+    assert len(build_site(tmp_path / "board", tmp_path / "site")) == 3
+    page = (tmp_path / "site" / "task-tube.html").read_text()
+    assert "No entry yet." in page
+    assert 'id="filters"' not in page
 
 
 def test_a_site_is_built_again(board, board_data, tmp_path):
