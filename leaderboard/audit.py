@@ -79,7 +79,8 @@ def verify_board(
 
     DataError if the folder is no board, UsageError if no data of its tasks is at `data`.
     """
-    links, faults = [], []
+    links: list[Link] = []
+    faults: list[Fault] = []
     for place, folder in enumerate(record_folders(Path(board))):
         try:
             links.append(read_link(folder))
@@ -107,12 +108,15 @@ def _rescoring(links: list[Link], data: Sequence[str | Path], progress: Progress
     if not splits.keys() & asked.keys():
         msg = f"The board is about {', '.join(asked)}; none of them is at {', '.join(map(str, data))}."
         raise UsageError(msg)
-    faults, entries = [], [e for e in entries_of(links) if e.task in splits]
+    faults: list[Fault] = []
+    entries = [e for e in entries_of(links) if e.task in splits]
     done = 0
     for task, split in splits.items():
         own = [e for e in entries if e.task == task]
-        key = open_key(split, asked[task]["digest"]) if own else None
-        for entry in own if key is not None else ():
+        if not own:
+            continue
+        key = open_key(split, asked[task]["digest"])
+        for entry in own:
             faults += [Fault(entry.number, fault) for fault in entry_faults(entry, key)]
             done += 1
             if progress is not None:

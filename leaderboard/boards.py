@@ -117,7 +117,9 @@ def _compared_with(entry: Entry, key: AnswerKey, split: Path, reruns: list[Path]
     if len(reruns) != len(told):
         msg = f"Entry {entry.number} has {len(told)} runs, {len(reruns)} were given; give one a seed, in its order."
         raise UsageError(msg)
-    shares, digests, hardware = [], [], ""
+    shares: list[float] = []
+    digests: list[str] = []
+    hardware = ""
     for k, (folder, row) in enumerate(zip(reruns, told, strict=True)):
         run = read_run(folder, load(split))
         model = run.result["model"]

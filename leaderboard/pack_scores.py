@@ -6,7 +6,6 @@ the last digit but for rounding of sums. `matched_r2` and `angle_degrees` are ov
 
 import io
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,8 @@ def score_packs(packs: Sequence[Pack], key: AnswerKey, seed: int) -> tuple[dict[
     """
     statistics = [pack_statistics(pack, key) for pack in packs]
     values, replicates = replicated(statistics, key.pairs, key.weights)
-    scores, means = {}, {}
+    scores: dict[str, Any] = {}
+    means: dict[str, Floats] = {}
     for name in HEADLINE:
         if not all(name in one for one in values):
             continue
@@ -151,4 +151,4 @@ def _near(a: float | None, b: float | None) -> bool:
 
 def interval(told: dict[str, Any]) -> Interval:
     """Return a score of an entry as an interval."""
-    return Interval(*(told[part] for part in asdict(Interval(None, None, None))))
+    return Interval(told["value"], told["low"], told["high"])

@@ -56,8 +56,9 @@ def pack_predictions(predictions: Predictions, analysed: NDArray[np.int64]) -> P
     """Return what is kept of predictions (n pairs); `analysed` (k,) are the rows of the analysis pairs."""
     decision, groups = composed_decision(predictions)
     arrays = predictions.arrays
+    analysis: Arrays = {}
     if groups is None:
-        score, analysis = arrays["probability"], {}
+        score = arrays["probability"]
     else:
         score = metrics.slack_score(arrays["env_lengths"], arrays["obj_lengths"], groups)
         analysis = {name: arrays[name][analysed] for name in ANALYSED if name in arrays}

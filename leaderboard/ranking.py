@@ -48,7 +48,7 @@ def is_better(values: Floats, replicates: Floats) -> NDArray[np.bool_]:
     size, scale = np.abs(difference[first, second]), error[first, second]
     p = 2 * norm.sf(size / np.maximum(scale, _ROUNDING))
     p = np.where(size < _ROUNDING, 1.0, np.where(scale < _ROUNDING, 0.0, p))
-    apart = np.asarray(holm(p)) < ALPHA
+    apart = np.asarray(holm(p.tolist())) < ALPHA
     found[first[apart], second[apart]] = difference[first, second][apart] > 0
     found[second[apart], first[apart]] = difference[first, second][apart] < 0
     return found

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eigenbench.errors import DataError, UsageError
+from eigenbench.intervals import Floats
 from eigenbench.leaderboard.audit import read_result, verify_board
 from eigenbench.leaderboard.chain import MAX_PACK, REPLICATES, read_file
 from eigenbench.leaderboard.entry_page import entry_page
@@ -61,7 +62,7 @@ def rank_entries(entries: Sequence[Entry]) -> list[tuple[Entry, Rank]]:
     return sorted(order, key=lambda pair: -pair[0].body["scores"]["accuracy"]["value"])
 
 
-def _accuracies(entry: Entry) -> Any:
+def _accuracies(entry: Entry) -> Floats:
     place = f"{entry.folder.name}/{REPLICATES}"
     found = read_replicates(read_file(entry.folder / REPLICATES, MAX_PACK), place, ("accuracy",))
     if "accuracy" not in found or not np.isfinite(found["accuracy"]).all():
