@@ -101,11 +101,8 @@ def _lowest(entries: Sequence[Entry]) -> float:
 
 
 def _table(rows: Sequence[Html], low: float, label: str = "Ranking", *, plain: bool = False) -> Html:
-    headings: list[tuple[str, str | None]] = [
-        ("rank", "n"),
-        ("model", None),
-        *((metric_heading(name), "n") for name in _COLUMNS),
-    ]
+    headings: list[tuple[str, str | None]] = [("rank", "n"), ("model", None)]
+    headings += [(metric_heading(name), "n") for name in _COLUMNS]
     headings.insert(3, (f"{100 * low:g}% to 100%", None))
     headings += [("badge", None), ("seeds", "n"), ("parameters", "n"), ("date", None)]
     head = [
