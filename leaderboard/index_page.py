@@ -23,7 +23,7 @@ def index_page(board: Mapping[str, Any], ranked: Mapping[str, Sequence[tuple[Ent
     count = sum(len(entries) for entries in ranked.values())
     words = f"Data version {board['data_version']}, {count:,} entries. Which few lengths decide whether an object fits?"
     rows = [_row(task, board["data"][task], entries) for task, entries in ranked.items()]
-    headings = ("task", "pairs", "entries", "ahead, with all tied", "accuracy", "badge")
+    headings = ("task", "pairs", "ranked", "ahead, with all tied", "accuracy", "badge")
     head_row = tag("tr", *(tag("th", h, scope="col", class_="n" if h in headings[1:3] else None) for h in headings))
     body = tag("table", tag("thead", head_row), tag("tbody", *rows), aria_label="Tasks")
     table = tag("div", body, class_="scroll", tabindex="0", role="region", aria_label="Tasks")

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 from eigenbench.errors import printable
-from eigenbench.headline import HEADLINE
 from eigenbench.leaderboard.pack_scores import interval
 from eigenbench.leaderboard.records import BADGES
 from eigenbench.leaderboard.standing import Entry
@@ -18,7 +17,7 @@ SHOWN = {
     "brier": ("Brier score", NUMBER),
     "calibration_error": ("calibration error", NUMBER),
     "matched_r2": ("matched R2", NUMBER),
-    "angle_degrees": ("angle, degrees", DEGREES),
+    "angle_degrees": ("angle, °", DEGREES),
 }
 """Title and kind of every headline metric on the site."""
 BADGE_WORDS = {
@@ -80,11 +79,6 @@ def score_cells(scores: dict[str, Any], name: str) -> tuple[str, str, float | No
         return "", "", None
     found = interval(scores[name])
     return (*write_cell(found, SHOWN[name][1]), found.value)
-
-
-def metric_heading(name: str) -> str:
-    """Return a metric's heading, with an arrow that says which way is better."""
-    return f"{SHOWN[name][0]} {'↑' if HEADLINE[name] > 0 else '↓'}"
 
 
 def with_code(line: str) -> Html:

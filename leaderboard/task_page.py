@@ -8,12 +8,12 @@ from eigenbench.intervals import Interval
 from eigenbench.leaderboard.pack_scores import interval
 from eigenbench.leaderboard.pieces import (
     INDEX,
+    SHOWN,
     badge_chip,
     entry_page_name,
     header,
     joined,
     link_to,
-    metric_heading,
     score_cells,
     shown_if_sound,
     site_page,
@@ -101,20 +101,18 @@ def _lowest(entries: Sequence[Entry]) -> float:
 
 
 def _table(rows: Sequence[Html], low: float, label: str = "Ranking", *, plain: bool = False) -> Html:
-    headings: list[tuple[str, str | None]] = [("rank", "n"), ("model", None)]
-    headings += [(metric_heading(name), "n") for name in _COLUMNS]
-    headings.insert(3, (f"{100 * low:g}% to 100%", None))
-    headings += [("badge", None), ("seeds", "n"), ("parameters", "n"), ("date", None)]
-    head = [
-        tag("th", title, scope="col", class_="i")
-        if k == 3
-        else tag(
-            "th", title if plain else tag("button", title, type="button"), scope="col", class_=kind, aria_sort="none"
-        )
-        for k, (title, kind) in enumerate(headings)
-    ]
-    body = tag("table", tag("thead", tag("tr", *head)), tag("tbody", *rows), aria_label=label, class_="board")
+    heads = [_heading("rank", "n", plain), _heading("model", None, plain)]
+    heads += [_heading(SHOWN[name][0], "n", plain, HEADLINE[name]) for name in _COLUMNS]
+    heads[3:3] = [tag("th", f"{100 * low:g}% to 100%", scope="col", class_="i"), _heading("badge", None, plain)]
+    heads += [_heading("seeds", "n", plain), _heading("parameters", "n", plain), _heading("date", None, plain)]
+    body = tag("table", tag("thead", tag("tr", *heads)), tag("tbody", *rows), aria_label=label, class_="board")
     return tag("div", body, class_="scroll", tabindex="0", role="region", aria_label=label)
+
+
+def _heading(title: str, kind: str | None, plain: bool, sign: int = 0) -> Html:
+    shown = title if plain else tag("button", title, type="button")
+    better = {1: "higher is better", -1: "lower is better"}.get(sign)
+    return tag("th", shown, scope="col", class_=kind, aria_sort="none", title=better)
 
 
 def _row(entry: Entry, rank: Rank | None, low: float) -> Html:
@@ -125,12 +123,12 @@ def _row(entry: Entry, rank: Rank | None, low: float) -> Html:
         bounds = tag("span", f" {ends}", class_="i") if ends and name == "accuracy" else None
         cells.append(tag("td", value, bounds, class_="n", data_v=_sortable(number, HEADLINE[name])))
     accuracy: Interval = interval(scores["accuracy"])
-    cells.insert(3, tag("td", ruler(accuracy, low, 1.0, kind="model")))
+    badge = tag("td", joined([badge_chip(entry), status_chip(entry)]), data_v=BADGES.index(entry.badge))
+    cells[3:3] = [tag("td", ruler(accuracy, low, 1.0, kind="model")), badge]
     seeds, parameters = len(entry.body["runs"]), model["parameters"]
     marked = tag("span", entry.seeds, class_="chip warn") if seeds < 3 else seeds
     shown = "" if parameters is None else f"{parameters:,}"
     cells += [
-        tag("td", joined([badge_chip(entry), status_chip(entry)]), data_v=BADGES.index(entry.badge)),
         tag("td", marked, class_="n", data_v=seeds),
         tag("td", shown, class_="n", data_v=-1 if parameters is None else parameters),
         tag("td", entry.date[:10]),
