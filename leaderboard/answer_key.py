@@ -18,8 +18,10 @@ from eigenbench.references import Measured
 from eigenbench.tasks import TaskSpec
 from eigenbench.truth import Truth
 
-_FIELDS = ("pair_id", "label", "margin", "env_lengths", "obj_lengths", "directions", "planes", "decides")
-_FIELDS += ("obj_shape", "obj_category", "env_shape", "env_category")
+_FIELDS = (
+    *("pair_id", "label", "margin", "env_lengths", "obj_lengths", "directions", "planes", "decides"),
+    *("obj_shape", "obj_category", "env_shape", "env_category"),
+)
 LEAST_PAIRS = ANALYSIS_PAIRS
 """Fewest pairs of a board's split: those of the paper's correlation analysis."""
 

@@ -33,7 +33,6 @@ from eigenbench.report_source import interval_of
 from eigenbench.report_tables import category_table, margin_table
 
 Scores = Mapping[str, Any]
-_OF_LENGTHS = ("matched_r2", "angle_degrees")
 _SIDES = {"env": "environment", "obj": "object"}
 
 

@@ -66,7 +66,7 @@ def mean_replicates(replicates: Floats, seed: int) -> Floats:
     """Return (R,) replicates of the mean over k runs, runs resampled too, as `headline.mean_over_repeats` has them."""
     count = len(replicates)
     if count == 1:
-        return replicates[0]
+        return np.asarray(replicates[0])
     drawn = np.random.default_rng(seed).multinomial(count - 1, np.full(count, 1 / count), size=replicates.shape[1])
     return np.asarray(np.sum(drawn.T * replicates, axis=0) / (count - 1))
 

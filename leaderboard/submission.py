@@ -218,5 +218,5 @@ def check_not_there(body: dict[str, Any], entries: Sequence[Entry]) -> None:
 
 def isolation_of(body: dict[str, Any]) -> str:
     """Return the weakest isolation that an entry's runs had."""
-    levels = [run["isolation"] for run in body["runs"]]
+    levels = [str(run["isolation"]) for run in body["runs"]]
     return min(levels, key=lambda level: _ISOLATION.index(level) if level in _ISOLATION else -1)

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eigenbench.headline import HEADLINE
-from eigenbench.intervals import Interval
 from eigenbench.leaderboard.pack_scores import interval
 from eigenbench.leaderboard.pieces import (
     INDEX,
@@ -122,9 +121,8 @@ def _row(entry: Entry, rank: Rank | None, low: float) -> Html:
         value, ends, number = score_cells(scores, name)
         bounds = tag("span", f" {ends}", class_="i") if ends and name == "accuracy" else None
         cells.append(tag("td", value, bounds, class_="n", data_v=_sortable(number, HEADLINE[name])))
-    accuracy: Interval = interval(scores["accuracy"])
     badge = tag("td", joined([badge_chip(entry), status_chip(entry)]), data_v=BADGES.index(entry.badge))
-    cells[3:3] = [tag("td", ruler(accuracy, low, 1.0, kind="model")), badge]
+    cells[3:3] = [tag("td", ruler(interval(scores["accuracy"]), low, 1.0, kind="model")), badge]
     seeds, parameters = len(entry.body["runs"]), model["parameters"]
     marked = tag("span", entry.seeds, class_="chip warn") if seeds < 3 else seeds
     shown = "" if parameters is None else f"{parameters:,}"
