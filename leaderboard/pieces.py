@@ -17,7 +17,7 @@ SHOWN = {
     "brier": ("Brier score", NUMBER),
     "calibration_error": ("calibration error", NUMBER),
     "matched_r2": ("matched R2", NUMBER),
-    "angle_degrees": ("angle, °", DEGREES),
+    "angle_degrees": ("angle in degrees", DEGREES),
 }
 """Title and kind of every headline metric on the site."""
 BADGE_WORDS = {
