@@ -18,6 +18,7 @@ import typer
 
 from eigenbench.cli_data import data_app, download, publish, split_to_score, withhold
 from eigenbench.cli_hidden import gap, hidden_app
+from eigenbench.cli_leaderboard import leaderboard_app, submit
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
@@ -33,6 +34,7 @@ app = typer.Typer(
 )
 
 app.add_typer(shapes_app, name="shapes")
+app.add_typer(leaderboard_app, name="leaderboard")
 for command in SHOWING:
     app.command()(command)
 app.command()(train)
@@ -41,6 +43,7 @@ app.command()(publish)
 app.command()(gap)
 app.add_typer(data_app, name="data")
 app.add_typer(hidden_app, name="hidden")
+app.command()(submit)
 
 _INTERRUPTED = 130
 

@@ -60,4 +60,6 @@ def printable(text: str) -> str:
 
     File names can hold line breaks, terminal codes, marks that turn the writing around, and bytes that are no text.
     """
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -4,12 +4,15 @@ import base64
 import hashlib
 import html
 import json
+import re
 from collections.abc import Iterable
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
 from eigenbench.errors import printable
 
+_ESCAPED = re.compile("[&<>\"']")
 _VOID = frozenset({"meta", "path", "rect", "circle", "line", "br", "polygon", "input"})
 
 
@@ -21,7 +24,10 @@ class Html(str):
 
 def text(value: object) -> Html:
     """Return a value as text: markup and unprintable characters (line breaks, direction marks) are escaped."""
-    return value if isinstance(value, Html) else Html(html.escape(printable(str(value)), quote=True))
+    if isinstance(value, Html):
+        return value
+    shown = printable(str(value))
+    return Html(html.escape(shown, quote=True) if _ESCAPED.search(shown) else shown)
 
 
 def tag(name: str, /, *children: object, **attributes: object) -> Html:
@@ -60,8 +66,13 @@ def embedded_json(data: Any, name: str) -> Html:
     return tag("script", Html(body), type="application/json", id=name)
 
 
-def page(title: str, *body: object, scripts: Iterable[str] = ("page.js", "viewer.js")) -> str:
-    """Return a whole offline document.
+def page(
+    title: str,
+    *body: object,
+    scripts: Iterable[str] = ("page.js", "viewer.js"),
+    styles: Iterable[str] = ("page.css",),
+) -> str:
+    """Return a whole offline document with scripts and style sheets of the package.
 
     Its content security policy lets nothing be fetched, and no script run but the ones put in here, named by hash.
     """
@@ -78,12 +89,13 @@ def page(title: str, *body: object, scripts: Iterable[str] = ("page.js", "viewer
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
         tag("title", title),
-        tag("style", Html(asset("page.css"))),
+        tag("style", Html("".join(map(asset, styles)))),
     )
     ends = [tag("script", Html(source)) for source in sources]
     return f"<!doctype html>\n{tag('html', head, tag('body', *body, *ends), lang='en')}\n"
 
 
+@cache
 def asset(name: str) -> str:
     """Return a style sheet or script that is installed with the package."""
     return files("eigenbench").joinpath("assets", name).read_text(encoding="utf-8")

@@ -99,7 +99,7 @@ def _put_split(dataset: Dataset, out: Path, packed: bool, progress: Progress | N
             source = dataset.folder / shard_name(*shard)
             arrays, about = checked(source, shard, dataset.manifest), read_about(source)
             about.pop("digest")
-            with staged_shard(place / shard_name(*shard), shard[0], arrays, about, packed) as staged:
+            with staged_shard(place / shard_name(*shard), shard[0], arrays, about, packed=packed) as staged:
                 settle(staged, dataset.task, before_replacing=lambda: None)
         if progress:
             progress(f"{recipe.task} {recipe.split}, files", done, len(files))

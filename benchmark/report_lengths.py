@@ -66,14 +66,14 @@ def _side(source: Source, side: str) -> list[Html | None]:
     lengths = source.scores["lengths"]
     matrix, names = lengths["all_pairs"][f"{side}_r2"], lengths["names"]
     matched = {(slot, names.index(name)) for name, slot in matched_slots(source.scores).items()}
-    heat = _heat_map(matrix, names, matched, f"R2, {_SIDES[side]}")
+    heat = heat_map(matrix, names, matched, f"R2, {_SIDES[side]}")
     grid = _scatter_grid(source, side, matrix, matched)
     shown = min(SCATTER_PAIRS, source.scores["pairs"])
     note = f"{shown:,} pairs, true length (m) across, predicted upwards; solid: least squares, dotted: equal."
     return [heat, tag("p", note, class_="note"), grid]
 
 
-def _heat_map(
+def heat_map(
     matrix: Sequence[Sequence[float]], names: Sequence[str], matched: set[tuple[int, int]], title: str
 ) -> Html:
     """Return a matrix as a table whose cells are tinted by their value; the framed cells are the matching."""

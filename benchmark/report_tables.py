@@ -29,9 +29,9 @@ def tables_of(source: Source) -> dict[str, Table]:
         _metric_table(scores, "accuracy", "Accuracy family", PERCENT),
         _metric_table(scores, "ranking", "Ranking and calibration", NUMBER),
         _references(scores),
-        _margins(scores),
-        _categories(scores, "obj_category", "Object categories"),
-        _categories(scores, "env_category", "Environment categories"),
+        margin_table(scores),
+        category_table(scores, "obj_category", "Object categories"),
+        category_table(scores, "env_category", "Environment categories"),
         *_length_tables(scores),
         *_histogram_tables(source),
         *more_tables(source),
@@ -61,12 +61,14 @@ def _group_rows(groups: Mapping[str, Any]) -> tuple[tuple[Cell, ...], ...]:
     )
 
 
-def _margins(scores: dict[str, Any]) -> Table:
+def margin_table(scores: dict[str, Any]) -> Table:
+    """Return accuracy by relative margin, the exact measurer beside it."""
     columns = (("margin / deciding length", TEXT), ("pairs", COUNT), ("model", PERCENT), ("exact measurer", PERCENT))
     return Table("by_margin", "Accuracy by relative margin", columns, _group_rows(scores.get("by_margin", {})))
 
 
-def _categories(scores: dict[str, Any], side: str, title: str) -> Table:
+def category_table(scores: dict[str, Any], side: str, title: str) -> Table:
+    """Return accuracy by category of one side (`obj_category`, `env_category`), the exact measurer beside it."""
     columns = (("category", TEXT), ("pairs", COUNT), ("accuracy", PERCENT), ("exact measurer", PERCENT))
     return Table(f"by_{side}", title, columns, _group_rows(scores.get(f"by_{side}", {})))
 

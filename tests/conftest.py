@@ -1,10 +1,12 @@
 """Shared fixtures: one small data set, one folder of meshes, and where the real meshes lie."""
 
 import os
+import shutil
 import signal
 from pathlib import Path
 
 import pytest
+from boarded import make_board, make_data, make_run, noisy
 from material import EVERY, box_mesh, write_obj
 
 from eigenbench.generators.generation import generate
@@ -52,3 +54,37 @@ def mesh_folder(tmp_path) -> Path:
     write_obj(folder / "can" / "long.obj", box_mesh(100, 30, 20))
     write_obj(folder / "jar" / "jar.obj", box_mesh(2, 1, 1))
     return folder
+
+
+@pytest.fixture(scope="session")
+def board_data(tmp_path_factory) -> Path:
+    """Return the root of small test splits of two tasks, large enough for a board."""
+    return make_data(tmp_path_factory.mktemp("board-data"), "tube", "sphere")
+
+
+@pytest.fixture(scope="session")
+def board_runs(tmp_path_factory, board_data) -> dict[str, Path]:
+    """Return runs on them: a good and a bad measurer, a probability, three seeds, one on the other task."""
+    out, tube = tmp_path_factory.mktemp("board-runs"), board_data / "tube" / "test"
+    made = {
+        "good": noisy(tube, 0.01, vectors=True),
+        "bad": noisy(tube, 0.2),
+        "chance": noisy(tube, 0.5, lengths=False),
+        **{f"seed-{k}": noisy(tube, 0.1, k + 1) for k in range(3)},
+    }
+    runs = {name: make_run(out / name, tube, predictions) for name, predictions in made.items()}
+    sphere = board_data / "sphere" / "test"
+    return runs | {"sphere": make_run(out / "sphere", sphere, noisy(sphere, 0.05))}
+
+
+@pytest.fixture(scope="session")
+def whole_board(tmp_path_factory, board_data, board_runs) -> Path:
+    """Return a board with entries 1 to 3 on one task and 4 on the other; tests that change it take a copy."""
+    runs = [board_runs[name] for name in ("good", "bad", "chance", "sphere")]
+    return make_board(tmp_path_factory.mktemp("boards") / "board", board_data, runs)
+
+
+@pytest.fixture
+def board(whole_board, tmp_path) -> Path:
+    """Return a board of a test's own."""
+    return Path(shutil.copytree(whole_board, tmp_path / "board"))

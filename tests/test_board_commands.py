@@ -1,0 +1,70 @@
+"""The commands of a board from its opening to its site, as a user types them."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from eigenbench.cli import app
+from eigenbench.errors import UsageError
+from eigenbench.leaderboard import ours
+from eigenbench.leaderboard.chain import read_chain
+
+
+def typed(*arguments) -> str:
+    """Return what a command prints; it must end well."""
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    if done.exception is not None:
+        raise done.exception
+    assert done.exit_code == 0
+    return done.output
+
+
+def test_from_opening_to_site(tmp_path, board_data, board_runs):
+    """Every command says what it did, and the head after it; the board is good in the end."""
+    board, data = tmp_path / "board", ("--data", board_data)
+    assert "data 0.9: tube, sphere" in typed("leaderboard", "new", board, "--name", "lab", *data)
+    who = ("--board", board, "--name", "M", "--authors", "A", "--link", "https://example.org", "--parameters", 5, *data)
+    said = typed("submit", board_runs["seed-0"], board_runs["seed-1"], *who)
+    assert "entry 1: M on tube, accuracy" in said
+    assert "two seeds" in said
+    assert read_chain(board)[-1].digest in said
+    told = json.loads(typed("submit", board_runs["sphere"], *who, "--json"))
+    assert (told[0]["entry"], told[0]["task"], told[0]["model"]["parameters"]) == (2, "sphere", 5)
+    board_of = ("leaderboard", "badge", board, 1, "--badge")
+    assert "record 3: badge of 1" in typed(*board_of, "rescored", "--by", "us", *data)
+    runs = ("--run", board_runs["seed-0"], "--run", board_runs["seed-1"])
+    assert "record 4: badge of 1" in typed(*board_of, "re-run", "--by", "us", *runs, *data)
+    why = ("--by", "reader", "--reason", "doubt")
+    assert "record 5: challenge of 2" in typed("leaderboard", "challenge", board, 2, *why)
+    assert "record 6: answer of 5" in typed("leaderboard", "answer", board, 5, "--dismissed", *why)
+    assert "record 7: withdrawal of 2" in typed("leaderboard", "withdraw", board, 2, *why)
+    assert "good, 8 records, 2 of 2 entries" in typed("leaderboard", "verify", board, *data)
+    assert "scores not checked" in typed("leaderboard", "verify", board, "--no-scores")
+    assert "5 pages" in typed("leaderboard", "build", board, "--out", tmp_path / "site")
+    assert len(json.loads(typed("leaderboard", "build", board, "--out", tmp_path / "site", "--json"))) == 5
+    with pytest.raises(UsageError, match="This cannot be recorded: entry 2 was withdrawn"):
+        typed("leaderboard", "challenge", board, 2, *why)
+
+
+def test_our_entries_are_made_by_one_command(tmp_path, board_data, monkeypatch, capsys):
+    """An example is evaluated twice on every split, submitted and confirmed; a second call changes nothing."""
+    arguments = [
+        "ours",
+        "--board",
+        tmp_path / "b",
+        "--data",
+        board_data,
+        "--runs",
+        tmp_path / "r",
+        "--only",
+        "constant",
+    ]
+    monkeypatch.setattr("sys.argv", [str(a) for a in arguments])
+    ours.main()
+    head = read_chain(tmp_path / "b")[-1].digest
+    said = capsys.readouterr().out
+    assert said.count("constant") == 2
+    assert said.count("re-run") == 2
+    ours.main()
+    assert read_chain(tmp_path / "b")[-1].digest == head
