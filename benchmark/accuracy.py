@@ -167,5 +167,6 @@ def _worst_groups(per_group: Scores, accuracies: dict[str, Estimate]) -> Scores:
     kind = min(known, key=lambda k: known[k]["accuracy"]["value"])
     replicates = np.stack([accuracies[f"{k}/{name}"].replicates for k, groups in large.items() for name in groups])
     least = np.where(np.isnan(replicates), 1.0, replicates).min(axis=0)
-    minimum = percentile_interval(known[kind]["accuracy"]["value"], least)
+    of_worst = accuracies[f"{kind}/{known[kind]['name']}"]
+    minimum = percentile_interval(known[kind]["accuracy"]["value"], least if of_worst.known else least[:0])
     return {"kind": kind, **known[kind], "minimum": asdict(minimum), "by_kind": by_kind}

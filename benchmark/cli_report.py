@@ -17,11 +17,17 @@ Page = Annotated[Path | None, typer.Option("--out", help="The page to write; def
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
-def report(run: RunFolder, data: OfRun, show: Open = False, as_json: Json = False) -> None:
-    """Write RUN/report.html: scores, plots and pairs in 3-D in one offline file; the model is not needed."""
+def report(
+    run: RunFolder,
+    data: OfRun,
+    out: Annotated[Path | None, typer.Option(help="The page to write; default: RUN/report.html.")] = None,
+    show: Open = False,
+    as_json: Json = False,
+) -> None:
+    """Write a run's page: scores, plots and pairs in 3-D in one offline file; the model is not needed."""
     from eigenbench.report import write_report
 
-    _written(write_report(run, data), show, as_json)
+    _written(write_report(run, data, out), show, as_json)
 
 
 def export(

@@ -13,9 +13,9 @@ from scipy.stats import norm
 from eigenbench.dataset import Dataset, load
 from eigenbench.errors import DataError, UsageError
 from eigenbench.headline import HEADLINE, headline_statistics, interval_of, replicated
-from eigenbench.intervals import LEVEL, REPLICATES, SEED, Floats
+from eigenbench.intervals import Floats
 from eigenbench.results import Run, load_run, read_run
-from eigenbench.truth import Truth
+from eigenbench.truth import Truth, interval_about
 
 ALPHA = 0.05
 """Two runs are tied in a metric unless their corrected p value is below this."""
@@ -50,11 +50,11 @@ def compare(runs: Sequence[str | Path], data: str | Path | None = None) -> dict[
     loaded = [read_run(folder, dataset) for folder in folders]
     truth = Truth.of(dataset)
     statistics = [headline_statistics(run.predictions, truth) for run in loaded]
-    values, replicates = replicated(statistics, len(dataset), truth.weights())
+    values, replicates = replicated(statistics, len(dataset), truth.weights(), truth.units)
     names = [name for name in HEADLINE if sum(name in one for one in values) > 1]
     return {
         "data": loaded[0].result["data"],
-        "interval": {"level": LEVEL, "replicates": REPLICATES, "seed": SEED, "method": "crossed bootstrap, paired"},
+        "interval": interval_about("crossed bootstrap, paired", truth),
         "correction": f"Holm, over the pairs of runs in each metric; tied where p >= {ALPHA}",
         "runs": [_described(folder, run) for folder, run in zip(folders, loaded, strict=True)],
         "metrics": {name: _compared(_stacked(name, values, replicates), HEADLINE[name]) for name in names},
@@ -75,12 +75,13 @@ def p_value(difference: float, replicates: Floats) -> float:
     """Return the two-sided p value of a difference, by the normal law with the standard error of its replicates (R,).
 
     Counting replicates beyond zero could not fall below 1 / R, too coarse once it is multiplied by the number of
-    pairs of runs. Runs that never differ, but for rounding, have p = 1; those that differ by the same in every
-    replicate (1 against chance, say, in AUROC) have p = 0.
+    pairs of runs. Runs that never differ, but for rounding, have p = 1, and so have all where the pairs have too few
+    shapes to tell (all replicates NaN); those that differ by the same in every replicate (1 against chance, say, in
+    AUROC) have p = 0.
     """
     known = replicates[np.isfinite(replicates)]
     error = float(known.std(ddof=1)) if len(known) > 1 else 0.0
-    if abs(difference) < _ROUNDING:
+    if abs(difference) < _ROUNDING or not len(known):
         return 1.0
     if error < _ROUNDING:
         return 0.0

@@ -16,7 +16,7 @@ from typing import Any
 
 from eigenbench._version import DATA_VERSION, __version__
 from eigenbench.asking import CLOUDS, Asked, Asker, Prepare, Progress, ask
-from eigenbench.checking import quick_check
+from eigenbench.checking import CHECKED_PAIRS, quick_check
 from eigenbench.dataset import Dataset, load
 from eigenbench.errors import EigenbenchError, UsageError
 from eigenbench.frozen_subsets import Rows, few_shot_draw
@@ -37,10 +37,9 @@ from eigenbench.report import write_report
 from eigenbench.results import RESULT, RESULT_VERSION, predictions_digest, write_run
 from eigenbench.scoring import Truth, score_predictions
 from eigenbench.scratch_folders import owned
+from eigenbench.told_apart import check_told_apart
 
 BATCH_SIZE = 256
-CHECKED_PAIRS = 64
-"""Pairs of the first batch on which a model is checked before it is asked about all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +111,8 @@ def evaluate(
     The model runs in its own process, sees clouds alone, in an order drawn anew for each run. Without `out` the run
     goes to `runs/<model>-<task>-<split>-<time>`. With `few_shot` a fresh model adapts to each of some frozen draws of
     a train split, with `data_efficiency` a fresh one is fitted on each of some nested subsets, and answers again.
-    With `checks` the model is checked first on some pairs (`checking.quick_check`); what it fails is in the result.
+    With `checks` the model is checked first on some pairs (`checking.quick_check`), and a fresh process of it after the
+    run (`told_apart.check_told_apart`); what they fail is in the result.
     With `report` the run gets a page `report.html`; `eigenbench report` makes it later.
 
     If `out` holds an unfinished run of the same model, data and options, it goes on. A timeout and a memory limit may
@@ -150,6 +150,7 @@ def _completed(request: _Request, journal: Journal, folder: Path) -> dict[str, A
     order = journal.order("predictions", len(dataset))
     first = _checking(dataset, order[:CHECKED_PAIRS]) if request.checks else None
     asked = ask(asker, journal.part("predictions"), order, "predicting", first, anew=False)
+    asked = _checked_again(asker, asked, journal) if request.checks else asked
     started = time.perf_counter()
     truth = Truth.of(dataset)
     scores = score_predictions(asked.predictions, truth)
@@ -177,6 +178,15 @@ def _checking(dataset: Dataset, rows: Rows) -> Prepare:
         return {"checks": [asdict(f) for f in quick_check(hosted, *(clouds[name] for name in CLOUDS))]}
 
     return check
+
+
+def _checked_again(asker: Asker, asked: Asked, journal: Journal) -> Asked:
+    """Return the answers with what a fresh process says of them beside the checks before the run."""
+    started = time.perf_counter()
+    findings = check_told_apart(asker, asked, journal.order("told apart", len(asker.dataset)))
+    checks = [*asked.prepared.get("checks", ()), *map(asdict, findings)]
+    seconds = asked.harness_seconds + time.perf_counter() - started
+    return replace(asked, prepared=asked.prepared | {"checks": checks}, harness_seconds=seconds)
 
 
 def _section(learnt: Learnt) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eigenbench.errors import UsageError
 from eigenbench.intervals import Interval
 from eigenbench.report_cells import Table
-from eigenbench.report_source import ANGLE_BIN, Source, angle_histograms, matched_slots, reliability, sample_rows
+from eigenbench.report_source import Source, angle_histograms, matched_slots, reliability, sample_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ def figures_of(source: Source, tables: dict[str, Table]) -> Iterator[tuple[str, 
         for side in _SIDES:
             yield f"r2_{side}", _heat_map(source, side)
         yield "scatter", _scatter(source)
-    if source.scores.get("angles") is not None and angle_histograms(source):
+    if angle_histograms(source):
         yield "angles", _angles(source)
     if reliability(source) is not None:
         yield "reliability", _reliability(source)
@@ -163,9 +163,8 @@ def _angles(source: Source) -> "Figure":
     found = angle_histograms(source)
     figure, axes = _new(1.7 * len(found) + 0.2, 1.7, 1, len(found))
     for ax, a in zip(axes[0], found, strict=True):
-        edges = np.arange(len(a.counts) + 1) * ANGLE_BIN
-        ax.stairs(a.counts, edges, fill=True, color=_MODEL, alpha=0.8)
-        ax.stairs(a.expected, edges, color=_INK, linestyle="--", linewidth=0.8, label="chance")
+        ax.stairs(a.counts, a.edges, fill=True, color=_MODEL, alpha=0.8)
+        ax.stairs(a.expected, a.edges, color=_INK, linestyle="--", linewidth=0.8, label="chance")
         ax.set_xlabel("angle (degrees)")
         ax.set_title(f"{a.length.replace('_', ' ')}, slot {a.slot}", fontsize=8)
     axes[0, 0].set_ylabel("pairs")
@@ -180,8 +179,8 @@ def _reliability(source: Source) -> "Figure":
         known = bins.counts > 0
         size = 60 * bins.counts[known] / bins.counts.max()
         ax.plot([0, 1], [0, 1], color=_GREY, linewidth=0.8, linestyle=":")
-        ax.plot(bins.probability[known], bins.share[known], color=_MODEL, linewidth=0.8)
-        ax.scatter(bins.probability[known], bins.share[known], s=8 + size, color=_MODEL, linewidths=0)
+        ax.plot(bins.probability[known], bins.shares[known], color=_MODEL, linewidth=0.8)
+        ax.scatter(bins.probability[known], bins.shares[known], s=8 + size, color=_MODEL, linewidths=0)
     ax.set_xlabel("mean probability")
     ax.set_ylabel("share that fits")
     return figure

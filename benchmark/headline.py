@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from eigenbench import metrics
-from eigenbench.intervals import LEVEL, SEED, Floats, Interval, Statistic, ratio
+from eigenbench.intervals import REPLICATES, SEED, Floats, Statistic, percentile_interval, ratio
 from eigenbench.results import Predictions
+from eigenbench.shape_units import Units
 from eigenbench.truth import Truth, composed_decision
 
 HEADLINE: dict[str, int] = {
@@ -21,14 +22,17 @@ HEADLINE: dict[str, int] = {
     "angle_degrees": -1,
 }
 """The headline metrics, with 1 where more is better and -1 where less is."""
+UNMATCHED_DEGREES = 90.0
+"""Angle of a length without a slot: the worst, so that no model gains by leaving a hard one out."""
 
 
 def headline_statistics(predictions: Predictions, truth: Truth) -> dict[str, Statistic]:
     """Return the headline metrics that predictions aligned with the truth allow.
 
     `matched_r2` is the mean R2 over the human lengths and both sides, 0 for a length without a slot, so that a model of
-    fewer slots gains nothing by what it leaves out; `angle_degrees` the mean angle between a matched slot's vector
-    and its length's direction over pairs and lengths that have one; the matching is that of all pairs.
+    fewer slots gains nothing by what it leaves out. `angle_degrees` is the mean angle between a length's direction and
+    its slot's vector, over pairs and lengths that have a direction; by the same rule it is 90 for a length without a
+    slot, as for a vector that is zero. The matching is that of all pairs.
     """
     label = truth.targets["label"]
     decision, groups = composed_decision(predictions)
@@ -68,7 +72,10 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
     vectors = predictions.arrays.get("vectors")
     if vectors is None:
         return found
-    degrees = np.stack([metrics.angles(vectors[:, s], t["directions"][:, k]) for k, s in match.items()], axis=1)
+    directions = t["directions"]
+    degrees = np.where(np.isnan(directions).any(axis=2), np.nan, UNMATCHED_DEGREES)
+    for length, slot in match.items():
+        degrees[:, length] = metrics.angles(vectors[:, slot], directions[:, length])
     known = ~np.isnan(degrees)
     if known.any():
         found["angle_degrees"] = ratio(np.where(known, degrees, 0.0).sum(axis=1), known.sum(axis=1))
@@ -76,11 +83,16 @@ def _length_statistics(predictions: Predictions, truth: Truth) -> dict[str, Stat
 
 
 def replicated(
-    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterable[Floats]
+    statistics: Sequence[Mapping[str, Statistic]], pairs: int, weights: Iterable[Floats], units: Units
 ) -> tuple[list[dict[str, float]], list[dict[str, Floats]]]:
-    """Return each set's values, and each set's replicates (R,), under the same weights for all sets."""
+    """Return each set's values, and each set's replicates (R,), under the same weights for all sets.
+
+    Where the pairs have too few shapes all replicates are NaN: nothing is known of how a value would vary.
+    """
     plain = np.ones((1, pairs))
     values = [{name: float(s(plain)[0]) for name, s in one.items()} for one in statistics]
+    if not units.suffice():
+        return values, [{name: np.full(REPLICATES, np.nan) for name in one} for one in statistics]
     collected: list[dict[str, list[Floats]]] = [{name: [] for name in one} for one in statistics]
     for block in weights:
         for into, one in zip(collected, statistics, strict=True):
@@ -91,11 +103,7 @@ def replicated(
 
 def interval_of(value: float, replicates: Floats) -> dict[str, Any]:
     """Return a value with its percentile interval; None throughout where it is undefined."""
-    known = replicates[np.isfinite(replicates)]
-    if not np.isfinite(value) or not len(known):
-        return asdict(Interval(None, None, None))
-    low, high = np.percentile(known, [50 * (1 - LEVEL), 50 * (1 + LEVEL)])
-    return asdict(Interval(float(value), float(low), float(high)))
+    return asdict(percentile_interval(float(value), replicates))
 
 
 def mean_over_repeats(values: Floats, replicates: Floats, seed: int = SEED) -> dict[str, Any]:

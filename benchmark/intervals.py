@@ -6,7 +6,7 @@ category, and a pair weighs the product of its two weights (Owen, "The pigeonhol
 Applied Statistics 2007). Of a category's k shapes k - 1 are drawn and weighed up by k / (k - 1), without
 which few shapes would give too narrow an interval (Rao & Wu, "Resampling inference with complex survey
 data", JASA 1988). The pairs of a category's only shape are resampled themselves: how shapes of that category
-differ cannot be known.
+differ cannot be known. A number that rests on too few shapes has no interval (`shape_units`).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -16,6 +16,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.shape_units import Units
 from eigenbench.shard_format import PRIMITIVE_SHAPE
 
 REPLICATES = 1000
@@ -32,7 +33,7 @@ KEPT_BYTES = 2**28
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A value with its 95 % interval; None where it is undefined."""
+    """A value with its 95 % interval; None where it is undefined, or nothing is known of how it would vary."""
 
     value: float | None
     low: float | None
@@ -96,10 +97,12 @@ class Weights:
     ----------
     draw : gives the blocks, the same on every call
     pairs : n
+    units : the shapes of the pairs
     """
 
     draw: Callable[[], Iterator[Floats]]
     pairs: int
+    units: Units
     _kept: list[Floats] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Floats]:
@@ -152,22 +155,29 @@ def half_sum(a: Sums, b: Sums) -> Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """A statistic on the pairs as they are, (...), and its bootstrap replicates, (R, ...)."""
+    """A statistic on the pairs as they are, (...), and its bootstrap replicates, (R, ...).
+
+    `known` is false where it rests on too few shapes for an interval.
+    """
 
     value: Floats
     replicates: Floats
+    known: bool = True
 
     def interval(self, *index: int) -> Interval:
         """Return the percentile interval of one number of the statistic."""
-        replicates = self.replicates
+        replicates = self.replicates if self.known else self.replicates[:0]
         for k in index:
             replicates = replicates[:, k]
         return percentile_interval(float(self.value[index]), replicates)
 
 
-def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats]) -> dict[str, Estimate]:
+def resample(
+    statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[Floats], units: Units | None = None
+) -> dict[str, Estimate]:
     """Return each statistic's value on the pairs as they are, and its replicates.
 
+    With `units` those that rest on too few shapes are marked: a statistic rests on the pairs that its sums are of.
     The columns of all `Sums` are multiplied by the weights in one product, equal ones once.
     """
     sums = {name: s for name, s in statistics.items() if isinstance(s, Sums)}
@@ -179,7 +189,12 @@ def resample(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[
             found[name].append(statistic.finish(totals[:, place]))
         for name in statistics.keys() - sums.keys():
             found[name].append(statistics[name](block))
-    return {name: Estimate(values[0][0], np.concatenate(values[1:])) for name, values in found.items()}
+    known = {name: units is None or _rests_on_enough(statistic, units) for name, statistic in statistics.items()}
+    return {name: Estimate(v[0][0], np.concatenate(v[1:]), known[name]) for name, v in found.items()}
+
+
+def _rests_on_enough(statistic: Statistic, units: Units) -> bool:
+    return units.suffice(np.asarray(statistic.columns.any(axis=1)) if isinstance(statistic, Sums) else None)
 
 
 def _distinct(parts: list[Floats], pairs: int) -> tuple[Floats, list[list[int]]]:
@@ -205,9 +220,14 @@ def estimate(statistics: Mapping[str, Statistic], pairs: int, weights: Iterable[
 
 
 def percentile_interval(value: float, replicates: Floats) -> Interval:
-    """Return a value with the percentile interval of its finite replicates (R,); None where nothing is finite."""
+    """Return a value with the percentile interval of its finite replicates (R,), None where there are none.
+
+    An undefined value is None too.
+    """
     known = replicates[np.isfinite(replicates)]
-    if not np.isfinite(value) or not len(known):
+    if not np.isfinite(value):
         return Interval(None, None, None)
+    if not len(known):
+        return Interval(value, None, None)
     low, high = np.percentile(known, [50 * (1 - LEVEL), 50 * (1 + LEVEL)])
     return Interval(value, float(low), float(high))

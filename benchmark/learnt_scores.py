@@ -84,7 +84,7 @@ def _stored(folder: Path, section: dict[str, Any], names: Sequence[str], truth: 
 
 def _scored(predictions: Sequence[Predictions], truth: Truth) -> tuple[list[dict[str, float]], list[dict[str, Floats]]]:
     statistics = [headline_statistics(p, truth) for p in predictions]
-    return replicated(statistics, len(truth.targets["label"]), truth.weights())
+    return replicated(statistics, len(truth.targets["label"]), truth.weights(), truth.units)
 
 
 def _intervals(values: dict[str, float], replicates: dict[str, Floats]) -> dict[str, Any]:

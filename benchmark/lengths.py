@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eigenbench import metrics
 from eigenbench.intervals import Floats, Statistic, mean_over, resample
 from eigenbench.records import Arrays, Groups
+from eigenbench.shape_units import Units
 from eigenbench.truth import Judged, Scores
 
 ANALYSIS_PAIRS = 512
@@ -33,7 +34,7 @@ def length_scores(judged: Judged) -> Scores | None:
         "names": list(task.lengths),
         "constant_slots": _constant_slots(env, obj),
         "slot_use": _slot_use(judged, judged.groups),
-        "all_pairs": correlation(env, obj, t, task.lengths, judged.weights),
+        "all_pairs": correlation(env, obj, t, task.lengths, judged.weights, judged.weights.units),
         "analysis_pairs": {
             "pairs": len(chosen),
             **correlation(
@@ -42,6 +43,7 @@ def length_scores(judged: Judged) -> Scores | None:
                 {k: t[k][chosen] for k in ("env_lengths", "obj_lengths")},
                 task.lengths,
                 (w[:, chosen] for w in judged.weights),
+                judged.weights.units.subset(chosen),
             ),
         },
     }
@@ -64,7 +66,12 @@ def _constant_slots(env: NDArray[Any], obj: NDArray[Any]) -> dict[str, list[int]
 
 
 def correlation(
-    env: NDArray[Any], obj: NDArray[Any], t: Arrays, names: tuple[str, ...], weights: Iterable[Floats]
+    env: NDArray[Any],
+    obj: NDArray[Any],
+    t: Arrays,
+    names: tuple[str, ...],
+    weights: Iterable[Floats],
+    units: Units,
 ) -> Scores:
     """Return both R2 matrices, the matched pairs with intervals, and the slots left over.
 
@@ -74,7 +81,7 @@ def correlation(
         "env": metrics.r2_statistic(env, t["env_lengths"]),
         "obj": metrics.r2_statistic(obj, t["obj_lengths"]),
     }
-    r2 = resample(statistics, len(env), weights)
+    r2 = resample(statistics, len(env), weights, units)
     match = metrics.match_slots(r2["env"].value, r2["obj"].value)
     lines = {"env": metrics.line_fit(env, t["env_lengths"]), "obj": metrics.line_fit(obj, t["obj_lengths"])}
     replicates = zip(r2["env"].replicates, r2["obj"].replicates, strict=True)

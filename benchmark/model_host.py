@@ -72,21 +72,40 @@ def _describe(error: BaseException, model: str) -> Header:
 
 def _import_builder(order: Header) -> Any:
     path = Path(order["model"])
-    sys.path.insert(0, str(path.parent))
+    taken = _is_taken(path.stem)
+    sys.path.insert(_place(sys.path, taken), str(path.parent))
     sys.argv = [str(path)]
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    name = f"submitted {path.stem}" if taken else path.stem  # a name that no import can ask for
+    spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         msg = f"{path.name} is not a Python file"
         raise ImportError(msg)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     names = [order["name"]] if order["name"] else ["build", "Model"]
-    for name in names:
-        if hasattr(module, name):
-            return getattr(module, name)
+    for wanted in names:
+        if hasattr(module, wanted):
+            return getattr(module, wanted)
     msg = f"it defines no {' and no '.join(names)}"
     raise AttributeError(msg)
+
+
+def _is_taken(name: str) -> bool:
+    """Say whether an import of that name means something else than the model: `random.py`, `torch.py`."""
+    try:
+        return name in sys.modules or importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):  # "model.v2" has no parent, "__main__" no specification
+        return False
+
+
+def _place(folders: list[str], taken: bool) -> int:
+    """Return where a model's folder goes in `sys.path`: behind Python's own, and behind packages if its name is theirs.
+
+    So files beside a model are found before installed packages, but nothing there stands for a module of Python's.
+    """
+    packages = (k for k, folder in enumerate(folders) if Path(folder).name in ("site-packages", "dist-packages"))
+    return len(folders) if taken else next(packages, len(folders))
 
 
 def _build(builder: Any, order: Header) -> Any:

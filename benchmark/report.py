@@ -23,7 +23,7 @@ from eigenbench.report_sections import (
 from eigenbench.report_source import Source, matched_slots, read_source, sample_rows, worst_rows
 from eigenbench.report_tables import tables_of
 from eigenbench.scenes import figure, read_pairs, scene_data, tools
-from eigenbench.shards import write_text_atomically
+from eigenbench.viewing import write_page
 
 REPORT = "report.html"
 WORST, RANDOM = 9, 6
@@ -42,14 +42,14 @@ _CHAPTERS = {
 }
 
 
-def write_report(run: str | Path, data: str | Path) -> Path:
-    """Write `report.html` into a run folder and return its path.
+def write_report(run: str | Path, data: str | Path, out: str | Path | None = None) -> Path:
+    """Write a run's page, `report.html` in its folder unless `out` names another, and return its path.
 
-    The file needs no network and no other file. DataError if the folder is no run or belongs to other data.
+    The file needs no network and no other file. DataError if the folder is no run or belongs to other data, or if the
+    page cannot be written; UsageError if it names a folder, or one in no folder.
     """
-    path = Path(run) / REPORT
-    write_text_atomically(path, render_report(read_source(run, data)))
-    return path
+    path = Path(out) if out is not None else Path(run) / REPORT
+    return write_page(path, render_report(read_source(run, data)))
 
 
 def render_report(source: Source) -> str:

@@ -40,12 +40,12 @@ def title_of(key: str) -> str:
 
 
 def write_cell(cell: Cell, kind: str) -> tuple[str, str]:
-    """Return a cell's value and its interval in words; the second is empty where there is none."""
+    """Return a cell's value and its interval in words; the second is empty where there is no number."""
     if isinstance(cell, Interval):
         if cell.value is None:
             return "undefined", ""
         if cell.low is None or cell.high is None:
-            return _number(cell.value, kind), ""
+            return _number(cell.value, kind), "[no interval]"
         ends = (_number(v, kind).removesuffix("%") for v in (cell.low, cell.high))
         return _number(cell.value, kind), "[{}, {}]".format(*ends)
     if cell is None:

@@ -11,7 +11,7 @@ from eigenbench.metrics import CHANCE_ANGLE
 from eigenbench.plots import histogram, scatter
 from eigenbench.report_cells import Table
 from eigenbench.report_html import numbers, table_html
-from eigenbench.report_source import ANGLE_BIN, Source, angle_histograms, matched_slots, sample_rows
+from eigenbench.report_source import Source, angle_histograms, matched_slots, sample_rows
 
 SCATTER_PAIRS = 600
 """Pairs that a scatter plot shows, the same ones in every cell."""
@@ -135,16 +135,15 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
 def angle_section(source: Source, tables: Tables) -> Html:
     """Return histograms of the angles between vectors and true directions, with what chance would give."""
     angles = source.scores.get("angles")
-    found = angle_histograms(source) if angles is not None else []
-    if not found:
+    found = angle_histograms(source)
+    if angles is None or not angles["by_length"]:
         why = "not provided" if angles is None else "no matched length has a direction"
         return section("angles", "Directions", tag("p", f"Angles: {why}."))
     figures = []
-    edges = np.arange(0.0, 90.0 + ANGLE_BIN, ANGLE_BIN)
     for a in found:
         label = f"Angles of slot {a.slot} to {a.length}: median {a.median:.2f} degrees; a dashed line shows chance"
         plot = histogram(
-            edges,
+            a.edges,
             a.counts.astype(np.float64),
             a.expected,
             titles=("degrees to the true direction", "pairs"),

@@ -11,7 +11,11 @@ from eigenbench.plots import calibration, interval_series
 from eigenbench.report_cells import NUMBER, PERCENT, Table, title_of, write_cell
 from eigenbench.report_html import facts, numbers, table_html
 from eigenbench.report_source import Source, interval_of, reliability
+from eigenbench.shape_units import LEAST_FREEDOM, why_none
 
+_SOME_HAVE_NONE = (
+    f"A number that rests on fewer than {LEAST_FREEDOM} shapes beyond the first of their category has none."
+)
 Tables = Mapping[str, Table]
 
 _PROBES = ("majority", "object_only", "environment_only")
@@ -111,11 +115,12 @@ def summary_section(source: Source, tables: Tables) -> Html:
     """Return the first screen: accuracy beside its references, and the headline numbers."""
     found = tables["references"]
     values = [c.low for row in found.rows for c in row[1:] if isinstance(c, Interval) and c.low is not None]
-    rule = (min(0.4, int(10 * min(values)) / 10), 1.0)
+    rule = (min(0.4, int(10 * min(values, default=0.0)) / 10), 1.0)
     interval = source.scores.get("interval", {})
     note = (
         f"In brackets: {100 * interval.get('level', 0.95):g}% intervals by {interval.get('method', 'bootstrap')}, "
-        f"{interval.get('replicates', 0):,} replicates: pairs that share a shape are not independent."
+        f"{interval.get('replicates', 0):,} replicates: pairs that share a shape are not independent. "
+        f"{why_none(interval.get('freedom', {}), interval.get('least_freedom', 0)) or _SOME_HAVE_NONE}"
     )
     left = tag("div", table_html(found, own="the model", rule=rule))
     right = tag("div", tag("h3", "Headline numbers"), key_numbers(source))
@@ -167,9 +172,12 @@ def calibration_section(source: Source, tables: Tables) -> Html:
     """Return the reliability diagram, or say that the model gives no probability."""
     bins = reliability(source)
     if bins is None:
-        said = tag("p", "Probability: not provided. Calibration needs one; the decision was composed from lengths.")
+        words = "Probability: not provided. Calibration needs one; the decision was composed from lengths."
+        if "probability" in source.arrays:
+            words = "This result is of an older version, which kept no reliability bins."
+        said = tag("p", words)
         return section("calibration", "Calibration", said)
-    plot = calibration(bins.edges, bins.counts.astype(np.float64), bins.probability, bins.share)
+    plot = calibration(bins.edges, bins.counts.astype(np.float64), bins.probability, bins.shares)
     figures = tag("div", tag("figure", plot), tag("div", table_html(tables["ranking"])), class_="plots")
     words = "A dot is a bin of the probability, its area the number of pairs; the diagonal is perfect calibration."
     return section(
@@ -193,7 +201,7 @@ def provenance_section(source: Source) -> Html:
     if result.get("checks"):
         told = {True: "passed", False: "not passed", None: "for information"}
         checks = {c["name"]: f"{told[c['passed']]}; {c['seen']}" for c in result["checks"]}
-        blocks.append(facts(checks, "Checks before the run"))
+        blocks.append(facts(checks, "Checks"))
     return section("provenance", "Provenance", tag("div", *(tag("div", b) for b in blocks), class_="columns"))
 
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench import metrics
+from eigenbench import metrics, vectors
 from eigenbench.dataset import Dataset, load
 from eigenbench.intervals import Interval
 from eigenbench.records import Arrays, Groups
-from eigenbench.results import Predictions, read_run
+from eigenbench.results import read_run
 from eigenbench.tasks import TaskSpec
+from eigenbench.truth import composed_decision
 
 TARGETS = (
     "label",
@@ -29,9 +30,6 @@ TARGETS = (
     "env_shape",
     "obj_shape",
 )
-ANGLE_BIN = 5.0
-"""Width of a bin of the angle histograms, degrees."""
-
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -69,7 +67,7 @@ def read_source(run: str | Path, data: str | Path) -> Source:
     """Read a run and the split it was made for; DataError if they do not belong together."""
     dataset = load(data)
     stored = read_run(Path(run), dataset)
-    decision, groups = _decided(stored.predictions)
+    decision, groups = composed_decision(stored.predictions)
     arrays = stored.predictions.arrays
     return Source(dataset, dataset.task, read_targets(dataset), stored.result, arrays, groups, decision)
 
@@ -77,14 +75,6 @@ def read_source(run: str | Path, data: str | Path) -> Source:
 def read_targets(dataset: Dataset) -> Arrays:
     """Return the targets that a report shows, each (n, ...)."""
     return {name: dataset.column(name) for name in TARGETS}
-
-
-def _decided(predictions: Predictions) -> tuple[Bools, Groups | None]:
-    arrays = predictions.arrays
-    if "env_lengths" not in arrays:
-        return np.asarray(arrays["probability"] >= 0.5), None
-    groups = predictions.groups or metrics.one_group(arrays["env_lengths"].shape[1])
-    return metrics.decide(arrays["env_lengths"], arrays["obj_lengths"], groups), groups
 
 
 def interval_of(found: Any) -> Interval | None:
@@ -96,64 +86,72 @@ def interval_of(found: Any) -> Interval | None:
 
 def matched_slots(scores: dict[str, Any]) -> dict[str, int]:
     """Return {length: slot} of the matching over all pairs, empty without lengths."""
-    lengths = scores.get("lengths")
-    return {} if lengths is None else {k: int(m["slot"]) for k, m in lengths["all_pairs"]["matched"].items()}
+    return vectors.matched_slots(scores.get("lengths"))
 
 
 @dataclass(frozen=True, slots=True)
 class Angles:
-    """Angles of one slot's vectors to a length's true direction: counts of `ANGLE_BIN` wide bins from 0 to 90."""
+    """Angles of one slot's vectors to a length's true direction: counts of pairs between `edges`, degrees."""
 
     length: str
     slot: int
+    edges: Floats
     counts: Counts
-    expected: Floats
     median: float
+
+    @property
+    def expected(self) -> Floats:
+        """Return what directions uniform on the sphere would give: n (cos a - cos b) in a bin from a to b."""
+        return np.asarray(-self.counts.sum() * np.diff(np.cos(np.radians(self.edges))))
 
 
 def angle_histograms(source: Source) -> list[Angles]:
-    """Return the angles of each matched slot.
-
-    `expected` is what directions uniform on the sphere would give: n (cos a - cos b) in a bin from a to b.
-    """
-    vectors = source.arrays.get("vectors")
-    if vectors is None:
-        return []
-    edges = np.arange(0.0, 90.0 + ANGLE_BIN, ANGLE_BIN)
-    found = []
-    for length, slot in matched_slots(source.scores).items():
-        directions = source.targets["directions"][:, source.task.lengths.index(length)]
-        degrees = metrics.angles(vectors[:, slot], directions)
-        degrees = degrees[np.isfinite(degrees)]
-        if not len(degrees):
-            continue
-        counts = np.histogram(degrees, edges)[0]
-        expected = -len(degrees) * np.diff(np.cos(np.radians(edges)))
-        found.append(Angles(length, slot, counts, expected, float(np.median(degrees))))
-    return found
+    """Return the scored angles of each matched slot; none in results of versions that did not keep histograms."""
+    by_length = (source.scores.get("angles") or {}).get("by_length", {})
+    return [
+        Angles(
+            name,
+            int(a["slot"]),
+            np.array(a["histogram"]["edges"], dtype=np.float64),
+            np.array(a["histogram"]["counts"], dtype=np.int64),
+            float(a["median_degrees"]),
+        )
+        for name, a in by_length.items()
+        if "histogram" in a
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """Equal bins of the model's probability: how many pairs, their mean probability, the share that fits."""
+    """Equal bins of the model's probability: how many pairs, their mean probability, the share that fits.
+
+    `probability` is NaN and `share` None where a bin is empty.
+    """
 
     edges: Floats
     counts: Counts
     probability: Floats
-    share: Floats
+    share: list[Interval | None]
+
+    @property
+    def shares(self) -> Floats:
+        """Return the shares without their intervals, NaN where a bin is empty."""
+        return np.array([np.nan if s is None or s.value is None else s.value for s in self.share])
 
 
-def reliability(source: Source, bins: int = metrics.CALIBRATION_BINS) -> Reliability | None:
-    """Return the reliability bins (Guo et al., ICML 2017); None of a model without a probability."""
-    if "probability" not in source.arrays:
+def reliability(source: Source) -> Reliability | None:
+    """Return the scored reliability bins; None without a probability, and of versions that did not keep them."""
+    found = source.scores.get("reliability")
+    if found is None:
         return None
-    p = source.arrays["probability"].astype(np.float64)
-    chosen = np.minimum((p * bins).astype(int), bins - 1)
-    counts = np.bincount(chosen, minlength=bins)
-    with np.errstate(invalid="ignore"):
-        means = np.bincount(chosen, p, bins) / counts
-        shares = np.bincount(chosen, source.targets["label"].astype(np.float64), bins) / counts
-    return Reliability(np.linspace(0, 1, bins + 1), counts, means, shares)
+    bins = found["bins"]
+    means = [np.nan if b["mean_probability"] is None else b["mean_probability"] for b in bins]
+    return Reliability(
+        np.array([bins[0]["low"], *(b["high"] for b in bins)]),
+        np.array([b["count"] for b in bins], dtype=np.int64),
+        np.array(means),
+        [interval_of(b["positive_share"]) for b in bins],
+    )
 
 
 def sample_rows(source: Source, count: int) -> NDArray[np.int64]:

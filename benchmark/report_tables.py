@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from eigenbench.report_cells import COUNT, DEGREES, NUMBER, PERCENT, TEXT, Cell, Table, title_of
 from eigenbench.report_more_tables import KEYS, more_tables
-from eigenbench.report_source import ANGLE_BIN, Source, angle_histograms, interval_of, reliability
+from eigenbench.report_source import Source, angle_histograms, interval_of, reliability
 
 _METRICS = {
     "accuracy": ("accuracy", "balanced_accuracy", "precision", "recall", "specificity", "f1"),
@@ -110,17 +108,14 @@ def _matched(matched: Mapping[str, Any]) -> Table:
 
 def _histogram_tables(source: Source) -> Iterator[Table]:
     for a in angle_histograms(source):
-        low = np.arange(len(a.counts)) * ANGLE_BIN
-        rows = tuple(
-            (f"{k:g} to {k + ANGLE_BIN:g}", int(c), float(e))
-            for k, c, e in zip(low.tolist(), a.counts.tolist(), a.expected.tolist(), strict=True)
-        )
+        every = zip(a.edges, a.edges[1:], a.counts, a.expected, strict=False)
+        rows = tuple((f"{low:g} to {high:g}", int(c), float(e)) for low, high, c, e in every)
         columns = (("degrees", TEXT), ("pairs", COUNT), ("by chance", COUNT))
         yield Table(f"angles_{a.length}", f"Angles of {a.length}, slot {a.slot}", columns, rows)
     bins = reliability(source)
     if bins is not None:
-        every = zip(bins.edges[:-1], bins.edges[1:], bins.counts, bins.probability, bins.share, strict=True)
-        cells = tuple((f"{a:.2f} to {b:.2f}", int(c), float(p), float(s)) for a, b, c, p, s in every if c)
+        known = zip(bins.edges[:-1], bins.edges[1:], bins.counts, bins.probability, bins.share, strict=True)
+        cells = tuple((f"{a:.2f} to {b:.2f}", int(c), float(p), s) for a, b, c, p, s in known if c)
         kinds = (("probability", TEXT), ("pairs", COUNT), ("mean probability", NUMBER), ("share that fits", NUMBER))
         yield Table("reliability", "Reliability", kinds, cells)
 

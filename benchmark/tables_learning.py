@@ -4,24 +4,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from eigenbench.errors import printable
 from eigenbench.headline import HEADLINE
+from eigenbench.terminal import NO_INTERVAL, console, print_no_intervals, show, table_of
 
 _AS_PERCENT = ("accuracy", "balanced_accuracy")
 _NAME = 26
 """Longest name of a run in a table of 80 columns."""
-_console = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 def print_learning(result: Mapping[str, Any]) -> None:
     """Print the checks that a model did not pass, and what a result holds of models that learnt first."""
     for finding in result.get("checks") or ():
         if finding["passed"] is False:
-            _console.print(printable(f"check not passed: {finding['name']}: {finding['seen']}"))
+            console.print(printable(f"check not passed: {finding['name']}: {finding['seen']}"))
     few_shot, efficiency = result.get("few_shot"), result.get("data_efficiency")
     if few_shot is not None:
         _print_few_shot(few_shot)
@@ -32,53 +30,54 @@ def print_learning(result: Mapping[str, Any]) -> None:
 def print_comparison(found: Mapping[str, Any]) -> None:
     """Print each run's standing and each pair's difference, metric by metric."""
     data = found["data"]
-    _console.print(
+    console.print(
         f"{data['task']}/{data['split']}, {data['pairs']:,} pairs, digest {data['digest'][:16]}; intervals by paired "
         f"crossed bootstrap; p values corrected by {found['correction']}"
     )
+    print_no_intervals(found["interval"])
     names = [_name_of(k + 1, r["run"]) for k, r in enumerate(found["runs"])]
     for metric, compared in found["metrics"].items():
-        _console.print(_standings(metric, compared, names))
-        _console.print(_differences(metric, compared))
+        show(_standings(metric, compared, names))
+        show(_differences(metric, compared))
 
 
 def _print_few_shot(found: Mapping[str, Any]) -> None:
     if not found["provided"]:
-        _console.print("few-shot: not provided (the model has no adapt)")
+        console.print("few-shot: not provided (the model has no adapt)")
         return
     metrics = _metrics_of(found)
-    table = _table(f"Few-shot: {found['pairs_per_draw']} pairs a draw", "draw", *map(_title, metrics), "seconds")
+    table = table_of(f"Few-shot: {found['pairs_per_draw']} pairs a draw", "draw", *map(_title, metrics), "seconds")
     for entry in found["draws"]:
         cells = [_value(m, entry.get(m)) for m in metrics]
         table.add_row(str(entry["draw"] + 1), *cells, f"{entry['learning_seconds']:.1f}")
-    _console.print(table)
-    means = _table("Mean over the draws", "metric", "mean [95 %]", "deviation of the draws")
+    show(table)
+    means = table_of("Mean over the draws", "metric", "mean [95 %]", "deviation of the draws")
     for metric in metrics:
         mean = found[metric]
         spread = "" if mean.get("deviation") is None else _number(metric, mean["deviation"])
         means.add_row(_title(metric), _interval(metric, mean), spread)
-    _console.print(means)
+    show(means)
 
 
 def _print_efficiency(found: Mapping[str, Any]) -> None:
     if not found["provided"]:
-        _console.print("data efficiency: not provided (the model has no fit)")
+        console.print("data efficiency: not provided (the model has no fit)")
         return
     metrics = _metrics_of(found["sizes"][0])
     others = metrics[1:]
-    table = _table("Data efficiency, by training pairs", "pairs", "accuracy [95 %]", *map(_title, others), "seconds")
+    table = table_of("Data efficiency, by training pairs", "pairs", "accuracy [95 %]", *map(_title, others), "seconds")
     for entry in found["sizes"]:
         seconds = sum(s["learning_seconds"] for s in entry["subsets"]) / len(entry["subsets"])
         cells = [_value(m, entry.get(m)) for m in others]
         accuracy = _interval("accuracy", entry.get("accuracy"))
         table.add_row(f"{entry['pairs']:,}", accuracy, *cells, f"{seconds:.1f}")
-    _console.print(table)
+    show(table)
     if found["area"] is not None:
-        _console.print(f"mean accuracy over the logarithm of the training pairs: {found['area']:.2%}")
+        console.print(f"mean accuracy over the logarithm of the training pairs: {found['area']:.2%}")
 
 
 def _standings(metric: str, compared: Mapping[str, Any], names: Sequence[str]) -> Table:
-    table = _table(f"{_title(metric)} ({compared['better']} is better)", "run", "rank", "value [95 %]", "tied with")
+    table = table_of(f"{_title(metric)} ({compared['better']} is better)", "run", "rank", "value [95 %]", "tied with")
     order = [k for k, r in enumerate(compared["runs"]) if r is not None]
     order.sort(key=lambda k: (compared["runs"][k]["rank"], k))
     for k in order:
@@ -102,7 +101,7 @@ def _name_of(number: int, run: str) -> str:
 
 
 def _differences(metric: str, compared: Mapping[str, Any]) -> Table:
-    table = _table("", "difference", f"{_title(metric)} [95 %]", "p", "p, Holm", "")
+    table = table_of("", "difference", f"{_title(metric)} [95 %]", "p", "p, Holm", "")
     for entry in compared["differences"]:
         a, b = entry["runs"]
         verdict = "tied" if entry["tied"] else ""
@@ -125,6 +124,8 @@ def _title(metric: str) -> str:
 def _interval(metric: str, interval: Mapping[str, Any] | None, *, signed: bool = False) -> str:
     if interval is None or interval["value"] is None:
         return "not provided" if interval is None else "undefined"
+    if interval["low"] is None:
+        return f"{_number(metric, interval['value'], signed=signed)} {NO_INTERVAL}"
     value, low, high = (_number(metric, interval[k], signed=signed) for k in ("value", "low", "high"))
     return f"{value} [{low}, {high}]"
 
@@ -142,10 +143,3 @@ def _number(metric: str, value: float, *, signed: bool = False) -> str:
 
 def _probability(p: float) -> str:
     return "< 0.0001" if p < 1e-4 else f"{p:.4f}"
-
-
-def _table(title: str, *columns: str) -> Table:
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
-    return table

@@ -9,10 +9,21 @@ from numpy.typing import NDArray
 
 from eigenbench import metrics
 from eigenbench.dataset import Dataset
-from eigenbench.intervals import Estimate, Floats, Statistic, Weights, crossed_weights, resample
+from eigenbench.intervals import (
+    LEVEL,
+    REPLICATES,
+    SEED,
+    Estimate,
+    Floats,
+    Statistic,
+    Weights,
+    crossed_weights,
+    resample,
+)
 from eigenbench.records import Arrays, Groups, Recipe
 from eigenbench.references import MEASURED_FIELDS, Measured, measure
 from eigenbench.results import Predictions
+from eigenbench.shape_units import LEAST_FREEDOM, Units
 from eigenbench.shard_format import fields_of
 from eigenbench.tasks import TaskSpec
 
@@ -48,10 +59,21 @@ class Truth:
         manifest = dataset.manifest
         return cls(dataset.task, targets, measured, ShapeSource(manifest.shapes_source, manifest.recipe))
 
+    @property
+    def units(self) -> Units:
+        """The shapes of the pairs: what the bootstrap resamples."""
+        return Units.of(self.targets)
+
     def weights(self) -> Iterator[Floats]:
         """Yield the bootstrap's weights of the pairs, the same ones for every model."""
         t = self.targets
         return crossed_weights(t["obj_shape"], t["obj_category"], t["env_shape"], t["env_category"])
+
+
+def interval_about(method: str, truth: Truth) -> Scores:
+    """Return what a result says of its intervals, and of how many shapes they rest on."""
+    about = {"level": LEVEL, "replicates": REPLICATES, "seed": SEED, "method": method}
+    return about | {"freedom": truth.units.freedom(), "least_freedom": LEAST_FREEDOM}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +98,7 @@ class Judged:
     def of(cls, predictions: Predictions, truth: Truth) -> "Judged":
         """Compose the decisions."""
         decision, groups = composed_decision(predictions)
-        return cls(predictions, truth, decision, groups, Weights(truth.weights, len(decision)))
+        return cls(predictions, truth, decision, groups, Weights(truth.weights, len(decision), truth.units))
 
     @property
     def targets(self) -> Arrays:
@@ -91,7 +113,7 @@ class Judged:
 
     def resample(self, statistics: dict[str, Statistic]) -> dict[str, Estimate]:
         """Return values and bootstrap replicates of statistics of the pairs."""
-        return resample(statistics, len(self.decision), self.weights)
+        return resample(statistics, len(self.decision), self.weights, self.weights.units)
 
 
 def composed_decision(predictions: Predictions) -> tuple[NDArray[np.bool_], Groups | None]:

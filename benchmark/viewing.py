@@ -36,7 +36,7 @@ def write_view(data: str | Path, pair: int, out: str | Path | None = None, run: 
     about = f"A pair fits when some translation of the object {dataset.task.fits}."
     body = [tag("h1", title), tag("p", about, class_="note"), tools(run is not None), scene, scene_data(shown)]
     path = Path(out) if out is not None else Path(f"pair-{recipe.task}-{recipe.split}-{pair}.html")
-    return _write(path, page(f"{title} · eigenbench", tag("header"), tag("main", *body)))
+    return write_page(path, page(f"{title} · eigenbench", tag("header"), tag("main", *body)))
 
 
 def write_gallery(data: str | Path, pairs: int = 48, seed: int = 0, out: str | Path | None = None) -> Path:
@@ -60,7 +60,7 @@ def write_gallery(data: str | Path, pairs: int = 48, seed: int = 0, out: str | P
     rule = f"A pair fits when some translation of the object {dataset.task.fits}."
     lines = [tag("h1", title), tag("p", about), tag("p", rule, class_="note"), tools(False), figures, scene_data(shown)]
     path = Path(out) if out is not None else Path(f"gallery-{recipe.task}-{recipe.split}.html")
-    return _write(path, page(f"{title} · eigenbench", tag("header"), tag("main", join(lines))))
+    return write_page(path, page(f"{title} · eigenbench", tag("header"), tag("main", join(lines))))
 
 
 def _pairs(dataset: Dataset, rows: Sequence[int]) -> list[Pair]:
@@ -73,7 +73,8 @@ def _pairs_with_run(data: str | Path, run: str | Path, pair: int) -> list[Pair]:
     return read_pairs(source.dataset, source.targets, [pair], source.arrays, slots, source.decision)
 
 
-def _write(path: Path, body: str) -> Path:
+def write_page(path: Path, body: str) -> Path:
+    """Write a page and return its path; UsageError or DataError where that cannot be."""
     if path.is_dir() or not path.parent.is_dir():
         why = "it is a folder" if path.is_dir() else f"the folder {path.parent} does not exist"
         msg = f"Page {printable(str(path))} cannot be written: {why}. Choose another --out."

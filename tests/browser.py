@@ -31,22 +31,33 @@ class Page:
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send a command and return its answer, keeping the events that come before it."""
+        return self._answer(self._send(method, **parameters))
+
+    def _send(self, method: str, **parameters: Any) -> int:
         self._last += 1
         self._socket.send(json.dumps({"id": self._last, "method": method, "params": parameters}))
+        return self._last
+
+    def _answer(self, number: int) -> dict[str, Any]:
         while True:
             message = json.loads(self._socket.recv(timeout=_SECONDS))
-            if message.get("id") == self._last:
+            if message.get("id") == number:
                 assert "error" not in message, message
                 return message["result"]
-            self.events.append(message)
+            if "id" not in message:
+                self.events.append(message)
 
     def open(self, path: Path, width: int = 1200, height: int = 900) -> None:
         """Open a file and wait until it is loaded."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.resize(width, height)
         self.events.clear()
         self.call("Page.navigate", url=path.resolve().as_uri())
         while not any(e["method"] == "Page.loadEventFired" for e in self.events):
             self.events.append(json.loads(self._socket.recv(timeout=_SECONDS)))
+
+    def resize(self, width: int, height: int = 900) -> None:
+        """Make the window as large as that."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def value(self, expression: str) -> Any:
         """Return what a JavaScript expression gives, promises awaited."""
@@ -58,8 +69,8 @@ class Page:
         """Press a key as a user does."""
         shown = {"text": key} if len(key) == 1 else {"text": "\r"} if key == "Enter" else {}
         code = {"key": key, "windowsVirtualKeyCode": _KEYS[key]}
-        self.call("Input.dispatchKeyEvent", type="keyDown", **code, **shown)
-        self.call("Input.dispatchKeyEvent", type="keyUp", **code)
+        self._send("Input.dispatchKeyEvent", type="keyDown", **code, **shown)
+        self._answer(self._send("Input.dispatchKeyEvent", type="keyUp", **code))
 
     def media(self, scheme: str, kind: str = "") -> None:
         """Prefer a colour scheme, and be a screen that can print, or with `print` look as a print does."""

@@ -1,6 +1,6 @@
 """How often nominal 95 % intervals of accuracy hold the truth, when shapes have effects of their own.
 
-    python tests/coverage_of_intervals.py [--runs 400]
+    python tests/coverage_of_intervals.py [--runs 400] [--few]
 
 prints a table. Each run draws shapes with random effects on how likely a pair is decided rightly (a probit model: right
 where effect of object + effect of environment + noise < threshold), then pairs, then an interval by the crossed
@@ -18,6 +18,7 @@ from eigenbench.intervals import crossed_weights, estimate, ratio
 OBJECTS, ENVIRONMENTS = (33, 9, 528, 26), (7, 3, 9, 7, 73, 25, 3)
 """Shapes of the test split per category, as in the paper."""
 PRIMITIVE = b"primitive"
+FEWEST = (2, 3, 4, 5, 6, 8, 10)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,13 @@ SETTINGS = (
     Setting("many shapes", (200, 200), (200, 200), 0.3),
     Setting("accuracy near 1", OBJECTS, ENVIRONMENTS, 0.3, level=2.3),
 )
+
+
+def few(shapes: int) -> list[Setting]:
+    """Return settings of so few shapes: on either side, on both, and so many categories of one shape each."""
+    sides = {"environments": (OBJECTS, (shapes,)), "objects": ((shapes,), ()), "both": ((shapes,), (shapes,))}
+    sides["categories of one"] = ((1,) * shapes, ())
+    return [Setting(f"{shapes} {k}", *counts, sd, 2000) for k, counts in sides.items() for sd in (0.3, 0.6)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +95,11 @@ def coverage(setting: Setting, runs: int, replicates: int = 200, seed: int = 0) 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=400)
-    runs = parser.parse_args().runs
+    parser.add_argument("--few", action="store_true", help="settings of few shapes")
+    asked = parser.parse_args()
     print("| setting | sd of effects | crossed covers | ordinary covers | crossed width | ordinary width |")
     print("|---|---|---|---|---|---|")
-    for s in SETTINGS:
-        c = coverage(s, runs)
+    for s in [s for shapes in FEWEST for s in few(shapes)] if asked.few else SETTINGS:
+        c = coverage(s, asked.runs)
         shares = f"{c.crossed:.1%} | {c.ordinary:.1%} | {c.crossed_width:.2%} | {c.ordinary_width:.2%}"
         print(f"| {s.name} | {s.spread} | {shares} |", flush=True)

@@ -95,6 +95,12 @@ SUMS = {(kind, n) for kind, n in (("floods", n) for n in ATTACKS["floods"]) if n
 """What the limits in sum and of each process stop, from `rlimits` on."""
 
 
+FACES = ("by_size", "by_count", "by_memory", "by_scale", "by_object", "by_ground")
+"""Models that dress up a black box as lengths, and show honest ones where they think that they are checked."""
+UNSEEN = ("by_ground",)
+"""What they may do, since object lengths of grounded models follow the environment."""
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """Who won, and what the harness said of it."""
@@ -188,6 +194,16 @@ def winners(kind: str, level: str) -> set[str]:
     with world() as given:
         got = _answer(given, kind, "everything", level, {})
         return {name for name, row in zip(ATTACKS[kind], got, strict=False) if row == LOOT}
+
+
+def faces_of(face: str, split: Path, run: Path) -> tuple[bool, bool]:
+    """Return whether a model of two faces fails the checks before its run on a split, and whether those after it."""
+    path = f"{HOSTILE / 'faces.py'}:{face}"
+    batch = 8 if face == "by_count" else 100
+    checks = eigenbench.evaluate(path, split, run, batch_size=batch, report=False).result["checks"]
+    failed = [c["name"] for c in checks if c["passed"] is False]
+    later = [name for name in failed if name.startswith("after the run")]
+    return len(later) < len(failed), bool(later)
 
 
 def _answer(given: World, kind: str, name: str, level: str, options: dict[str, float]) -> NDArray[np.float64]:

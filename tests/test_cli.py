@@ -111,11 +111,13 @@ def test_several_tasks_end_with_a_table(tmp_path):
     done = run("generate", "--task", "tube,box-110010,tube", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith(" data/")]
-    assert [(r[0], r[1], r[5]) for r in rows] == [(f"data/{t}/test", "20", "0") for t in ("tube", "box-110010")]
+    first, second = rows[:2], rows[2:]  # the table is too wide for 80 columns
+    assert [r[0] for r in second] == [r[0] for r in first]
+    assert [(r[0], r[1], r[5]) for r in first] == [(f"data/{t}/test", "20", "0") for t in ("tube", "box-110010")]
     done = run("generate", "--task", "box-110010", *options, "--json", cwd=tmp_path)
     (found,) = json.loads(done.stdout)
     assert found["recipe"] | {"task": "box-110010", "draws": "independent"} == found["recipe"]
-    assert found["digest"].startswith(rows[1][-1])
+    assert found["digest"].startswith(second[1][-1])
     assert run("verify", "data", cwd=tmp_path).stdout.count(": good, 20 pairs") == 2
 
 

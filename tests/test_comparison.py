@@ -14,9 +14,11 @@ from scipy.stats import norm, ttest_rel
 import eigenbench
 from eigenbench.comparison import holm, p_value
 from eigenbench.errors import DataError, UsageError
-from eigenbench.headline import replicated
+from eigenbench.headline import headline_statistics, replicated
 from eigenbench.intervals import crossed_weights, ratio
-from eigenbench.results import PREDICTIONS, RESULT
+from eigenbench.results import PREDICTIONS, RESULT, Predictions
+from eigenbench.shape_units import Units
+from eigenbench.truth import Truth
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +96,21 @@ def test_what_a_run_lacks_is_left_out(runs, test_split):
     assert two["brier"]["runs"][1]["rank"] == [1, 1]
 
 
+def test_what_is_left_out_gains_nothing(test_split):
+    """A model of one slot is not ahead of the one with a bad second slot: a length without a slot has R2 0, angle 90."""
+    truth = Truth.of(eigenbench.load(test_split))
+    t, plain = truth.targets, np.ones((1, 300))
+    vectors = np.stack([t["directions"][:, 0], np.broadcast_to([1.0, 0.0, 0.0], (300, 3))], axis=1)
+
+    def scored(slots):
+        arrays = {f"{side}_lengths": t[f"{side}_lengths"][:, :slots] for side in ("env", "obj")}
+        found = headline_statistics(Predictions(arrays | {"vectors": vectors[:, :slots]}), truth)
+        return [float(found[name](plain)[0]) for name in ("matched_r2", "angle_degrees")]
+
+    assert scored(2) == pytest.approx([1, 45])  # x is at right angles to z
+    assert scored(1) == pytest.approx([0.5, 45])
+
+
 def test_runs_that_cannot_be_compared(runs, small, test_split, tmp_path, monkeypatch):
     """Other data, a changed file, one run, the same run twice, data that are not there."""
     train = small / "tube" / "train"
@@ -141,7 +158,8 @@ def test_p_value_is_the_paired_test_where_pairs_are_independent():
     primitive = np.full(pairs, b"primitive", dtype="S96")
     weights = crossed_weights(shapes, category, primitive, primitive, replicates=4000)
     statistics = [{"accuracy": ratio(x, np.ones(pairs))} for x in (a, b)]
-    values, replicates = replicated(statistics, pairs, weights)
+    targets = {"obj_shape": shapes, "obj_category": category, "env_shape": primitive, "env_category": primitive}
+    values, replicates = replicated(statistics, pairs, weights, Units.of(targets))
     difference = values[0]["accuracy"] - values[1]["accuracy"]
     found = p_value(difference, replicates[0]["accuracy"] - replicates[1]["accuracy"])
     expected = ttest_rel(a.astype(float), b.astype(float)).pvalue

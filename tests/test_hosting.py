@@ -71,6 +71,38 @@ def test_failures_before_predict(tmp_path, text, message):
         answer(model(tmp_path, text))
 
 
+@pytest.mark.parametrize("name", ["random", "types", "json", "numpy", "torch", "eigenbench", "__main__", "model.v2"])
+def test_a_model_may_have_any_name(tmp_path, name):
+    """Its file is loaded by its path: an import of that name still means what it means everywhere."""
+    text = (
+        "import importlib, json, random, types\nimport numpy as np\nfrom beside import HALF\n"
+        "own = lambda m: getattr(m, '__file__', None) == __file__\n"
+        f"for other in (json, random, types, np):\n    assert not own(other)\n"
+        f"if {name!r} in ('torch', 'eigenbench', 'numpy'):\n"
+        f"    try:\n        assert not own(importlib.import_module({name!r}))\n"
+        f"    except ModuleNotFoundError:\n        assert {name!r} == 'torch'\n"
+        "class Model:\n    def predict(self, env, obj):\n"
+        "        return {'probability': np.full(len(env), HALF + 0 * random.Random(1).random())}\n"
+    )
+    path = model(tmp_path, text, f"{name}.py")
+    (path.parent / "beside.py").write_text("HALF = 0.5\n")
+    assert (answer(path)[0].arrays["probability"] == 0.5).all()
+
+
+def test_files_beside_a_model(tmp_path):
+    """They may import the model, and one that is named like a module of Python's stands for it to nobody."""
+    text = (
+        "from helper import give\nimport types\nassert not hasattr(types, 'MINE')\nclass Model:\n    predict = give\n"
+    )
+    path = model(tmp_path, text)
+    (path.parent / "types.py").write_text("MINE = 1\n")
+    (path.parent / "helper.py").write_text(
+        "import numpy as np\ndef give(self, env, obj):\n    import model\n    assert type(self) is model.Model\n"
+        "    return {'probability': np.ones(len(env))}\n"
+    )
+    assert (answer(path)[0].arrays["probability"] == 1).all()
+
+
 def test_missing_model():
     """A file that does not exist is named."""
     with pytest.raises(ModelError, match="Model file nowhere.py does not exist"):

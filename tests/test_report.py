@@ -5,9 +5,11 @@ import csv
 import errno
 import hashlib
 import io
+import json
 import os
 import re
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -23,7 +25,7 @@ from eigenbench.export import export_run
 from eigenbench.intervals import Interval
 from eigenbench.markup import Html, embedded_json, tag, text
 from eigenbench.plots import nice_ticks
-from eigenbench.report import REPORT, write_report
+from eigenbench.report import REPORT, render_report, write_report
 from eigenbench.report_cells import PERCENT, TEXT, Table, as_csv, as_latex, escape_latex, write_cell
 from eigenbench.report_source import (
     angle_histograms,
@@ -139,6 +141,37 @@ def test_report_of_another_scorers_result(source):
     assert tables_of(other)["new"].rows == (("width: mean m", Interval(0.5, 0.4, 0.6)), ("flat", "1, 2.5"))
 
 
+def test_report_of_an_older_result(source):
+    """One that kept neither histograms nor reliability bins has its page, with all other numbers."""
+    scores = {k: v for k, v in source.scores.items() if k != "reliability"}
+    by_length = {
+        name: {k: v for k, v in a.items() if k != "histogram"} for name, a in scores["angles"]["by_length"].items()
+    }
+    scores["angles"] = scores["angles"] | {"by_length": by_length}
+    older = replace(source, result={**source.result, "scores": scores})
+    assert angle_histograms(older) == []
+    assert reliability(older) is None
+    body = render_report(older)
+    assert "This result is of an older version, which kept no reliability bins." in body
+    assert tables_of(older)["angles"].rows == tables_of(source)["angles"].rows
+
+
+def test_report_without_intervals(source):
+    """Where nothing has an interval, as of few shapes, rulers and axes still have theirs."""
+    scores = json.loads(re.sub(r'"(low|high)": [-\d.e]+', r'"\1": null', json.dumps(source.scores)))
+    scores["reliability"] = source.scores["reliability"]
+    body = render_report(replace(source, result={**source.result, "scores": scores}))
+    assert body.count("[no interval]") > 40
+
+
+def test_report_elsewhere(run, test_split, tmp_path):
+    """`--out` names the page; what cannot be written is said."""
+    path = write_report(run, test_split, tmp_path / "page.html")
+    assert path.read_bytes() == (run / REPORT).read_bytes()
+    with pytest.raises(UsageError, match="does not exist. Choose another --out"):
+        write_report(run, test_split, tmp_path / "nowhere" / "page.html")
+
+
 @pytest.mark.parametrize(
     ("task", "name", "first", "rows"),
     [
@@ -163,7 +196,7 @@ def test_reliability_agrees_with_the_calibration_error(source):
     """The bins' gaps, weighted by their pairs, add up to the scored calibration error; no pair is lost."""
     bins = reliability(source)
     known = bins.counts > 0
-    gaps = bins.counts[known] * np.abs(bins.probability - bins.share)[known]
+    gaps = bins.counts[known] * np.abs(bins.probability - bins.shares)[known]
     assert gaps.sum() / 300 == pytest.approx(source.scores["calibration_error"]["value"], abs=1e-12)
     assert bins.counts.sum() == 300
 

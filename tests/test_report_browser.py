@@ -125,16 +125,17 @@ def test_dark_light_and_print(page, report):
     assert page.value(back) == "rgb(255, 255, 255)"
     assert page.value("getComputedStyle(document.querySelector('.zoom')).display") == "none"
     page.media("dark")
-    pdf = base64.b64decode(page.call("Page.printToPDF", printBackground=True)["data"])
+    pdf = base64.b64decode(page.call("Page.printToPDF", printBackground=True, pageRanges="1-3")["data"])
     assert pdf.startswith(b"%PDF")
-    assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") >= 3 or len(pdf) > 100_000
+    assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") == 3
 
 
-@pytest.mark.parametrize("width", [400, 800, 1200])
-def test_fits_its_window(page, report, width):
+def test_fits_its_window(page, report):
     """The page never scrolls sideways; wide tables scroll in their own boxes."""
-    page.open(report, width=width)
-    assert page.value("document.documentElement.scrollWidth") <= width
+    page.open(report)
+    for width in (400, 800, 1200):
+        page.resize(width)
+        assert page.value("document.documentElement.scrollWidth") <= width
 
 
 def test_view_and_gallery_draw(page, every_task, tmp_path):
@@ -144,6 +145,6 @@ def test_view_and_gallery_draw(page, every_task, tmp_path):
             write_view(split, 3, tmp_path / f"view-{name}.html"),
             write_gallery(split, 6, out=tmp_path / f"gallery-{name}.html"),
         ):
-            page.open(path)
+            page.open(path, width=700, height=500)
             assert all(pixels > 800 for pixels, _ in page.value(INKED)), path
             assert page.complaints() == []

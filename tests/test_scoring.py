@@ -103,7 +103,7 @@ def test_worst_group_is_the_least_of_all_groups(scored):
 
 
 def test_every_interval_holds_its_value(scored):
-    """Each {value, low, high} is ordered, and finite or None throughout."""
+    """Each {value, low, high} is ordered; both ends are there or none, none without a value."""
     _, _, scores = scored
 
     def intervals(part):
@@ -117,8 +117,9 @@ def test_every_interval_holds_its_value(scored):
     found = list(intervals({k: v for k, v in scores.items() if k != "worst_group"}))
     assert len(found) > 60
     for i in found:
-        assert (i["value"] is None) == (i["low"] is None) == (i["high"] is None)
-        assert i["value"] is None or i["low"] - 1e-12 <= i["high"]
+        assert (i["low"] is None) == (i["high"] is None)
+        assert i["low"] is None or (i["value"] is not None and i["low"] - 1e-12 <= i["high"])
+    assert sum(i["low"] is not None for i in found) > 40
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,7 @@ def test_comparison_is_whole(capsys, name):
     found = {
         "data": data,
         "correction": "Holm",
+        "interval": {},
         "runs": [{"run": f"runs/{name}"}] * 2,
         "metrics": {"accuracy": accuracy},
     }
