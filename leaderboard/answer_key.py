@@ -64,7 +64,7 @@ class AnswerKey:
     @cached_property
     def weights(self) -> Weights:
         """The bootstrap's weights, those of every evaluation, kept for the next entry where memory allows."""
-        return Weights(self.truth.weights, self.pairs)
+        return Weights(self.truth.weights, self.pairs, self.truth.units)
 
     @cached_property
     def truth(self) -> Truth:

@@ -49,7 +49,7 @@ def score_packs(packs: Sequence[Pack], key: AnswerKey, seed: int) -> tuple[dict[
     `seed` is of the resampling of the runs (`run_seed`). A metric that not every run has is left out.
     """
     statistics = [pack_statistics(pack, key) for pack in packs]
-    values, replicates = replicated(statistics, key.pairs, key.weights)
+    values, replicates = replicated(statistics, key.pairs, key.weights, key.truth.units)
     scores: dict[str, Any] = {}
     means: dict[str, Floats] = {}
     for name in HEADLINE:
