@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from eigenbench.dataset import Dataset, load
 from eigenbench.errors import DataError
+from eigenbench.frozen_subsets import ANALYSIS_PAIRS, analysis_rows
 from eigenbench.intervals import Weights
-from eigenbench.lengths import ANALYSIS_PAIRS
 from eigenbench.manifest import find_splits, read_manifest
 from eigenbench.records import Arrays
 from eigenbench.references import Measured
@@ -24,11 +24,6 @@ _FIELDS = (
 )
 LEAST_PAIRS = ANALYSIS_PAIRS
 """Fewest pairs of a board's split: those of the paper's correlation analysis."""
-
-
-def analysis_rows(pair_id: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Return the rows of the analysis pairs, in the order of their ids, as `lengths.length_scores` takes them."""
-    return np.argsort(pair_id, kind="stable")[:ANALYSIS_PAIRS]
 
 
 @dataclass(frozen=True)
