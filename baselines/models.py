@@ -9,12 +9,20 @@ from torch import Tensor, nn
 from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
+from eigenbench.baselines.masked import Masked, MaskedGrounded, group_of
 from eigenbench.baselines.pointnet import Form
 from eigenbench.checkpoints import load_checkpoint
 from eigenbench.errors import ModelError, choose
+from eigenbench.records import Groups
 from eigenbench.tasks import TaskSpec
 
-MODELS: dict[str, Any] = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
+MODELS: dict[str, Any] = {
+    "implicit": Implicit,
+    "direct": Direct,
+    "grounded": Grounded,
+    "masked": Masked,
+    "masked-grounded": MaskedGrounded,
+}
 MODEL = "model"
 """Name of the metadata entry of a weights file that says which model they are of."""
 
@@ -39,7 +47,8 @@ def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Sub
         raise ModelError(msg)
     net = make_model(name, task).to(device)
     fill(net, tensors, path.name)
-    return Submission(net.eval(), task, device)
+    kind = MaskedSubmission if isinstance(net, Masked) else Submission
+    return kind(net.eval(), task, device)
 
 
 def metadata_of(path: Path) -> dict[str, str]:
@@ -83,3 +92,18 @@ class Submission:
         with torch.inference_mode():
             found = self.net.answer(env.to(self.device), obj.to(self.device))
         return {name: value for name, value in found.items() if value is not None}
+
+
+class MaskedSubmission(Submission):
+    """A masked model on a new task: it compares all its lengths until it has adapted, then those of its mask."""
+
+    groups: Groups | None = None
+
+    def adapt(self, env: Tensor, obj: Tensor, label: Tensor) -> None:
+        """Learn the task's mask from pairs (B, M, 3), (B, N, 3) in metres and labels (B,) bool; no weight moves."""
+        self.groups = group_of(self.net.learn_mask(*(t.to(self.device) for t in (env, obj, label))))
+
+    def predict(self, env: Tensor, obj: Tensor) -> dict[str, Any]:
+        """Answer for environments (B, M, 3) and objects (B, N, 3) in metres."""
+        found = super().predict(env, obj)
+        return found if self.groups is None else found | {"groups": self.groups}
