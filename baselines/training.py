@@ -15,17 +15,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eigenbench.baselines.masked import Masked
 from eigenbench.baselines.models import fill, make_model
 from eigenbench.baselines.pointnet import FORMS
 from eigenbench.baselines.run_folder import CHECKPOINT, Progress, Settings, load_run, save_checkpoint, write_submission
 from eigenbench.baselines.settling import make_run_folder, memory_named, open_train_split, usable_device
-from eigenbench.baselines.suite import open_suite
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError, ModelError, UsageError, choose
 from eigenbench.frozen_subsets import Rows
 from eigenbench.metrics import decide, one_group
-from eigenbench.tasks import find_task
 from eigenbench.validation_pairs import split_rows
 
 EPOCHS, BATCHES, BATCH_SIZE, LEARNING_RATE = 100, 1600, 32, 1e-3
@@ -96,12 +93,11 @@ def train(
         a diverging loss, a checkpoint that does not fit, too little memory
     """
     schedule = schedule or Schedule()
+    dataset = open_train_split(Path(data), task, FIELDS)
     on = usable_device(device)
     torch.manual_seed(schedule.seed)
-    net = make_model(model, find_task(task), schedule.form)  # type: ignore[arg-type]
-    suite = isinstance(net, Masked)
-    dataset = open_suite(Path(data), net.fields) if suite else open_train_split(Path(data), task, FIELDS)
-    settings = Settings(model, dataset.task.name, dataset.digest, **asdict(schedule))
+    net = make_model(model, dataset.task, schedule.form)  # type: ignore[arg-type]
+    settings = Settings(model, dataset.task.name, dataset.manifest.digest, **asdict(schedule))
     folder = make_run_folder(Path(out), resume)
     with memory_named(schedule.batch_size):
         run = _Run(net.to(on), dataset, folder, settings, schedule, on)
@@ -116,7 +112,6 @@ class _Run:
         self, net: Any, dataset: Dataset, folder: Path, settings: Settings, schedule: Schedule, device: torch.device
     ) -> None:
         self.net, self.dataset, self.device = net, dataset, device
-        self.fields: tuple[str, ...] = getattr(net, "fields", FIELDS)
         self.folder, self.settings, self.schedule = folder, settings, schedule
         self.rows, self.validation = split_rows(dataset)
         self.batches = min(schedule.batches, len(self.rows) // schedule.batch_size)
@@ -175,17 +170,17 @@ class _Run:
         return value
 
     def _read(self, rows: Rows) -> list[Tensor]:
-        batch = self.dataset.read(rows, self.fields)
-        return [torch.from_numpy(batch[name]).to(self.device) for name in self.fields]
+        batch = self.dataset.read(rows, FIELDS)
+        return [torch.from_numpy(batch[name]).to(self.device) for name in FIELDS]
 
     def validate(self) -> float:
         """Return the accuracy on the frozen validation index, decided as the benchmark decides."""
         self.net.eval()
         right = 0
         for start in range(0, len(self.validation), _VALIDATION_BATCH):
-            env, obj, label, *number = self._read(self.validation[start : start + _VALIDATION_BATCH])
+            env, obj, label = self._read(self.validation[start : start + _VALIDATION_BATCH])
             with torch.inference_mode():
-                found = self.net.answer(env, obj, *number)
+                found = self.net.answer(env, obj)
             right += int((_decision(found) == label.cpu().numpy()).sum())
         return right / len(self.validation)
 

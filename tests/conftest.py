@@ -8,6 +8,7 @@ import pytest
 from material import EVERY, box_mesh, write_obj
 
 from eigenbench.generators.generation import generate
+from eigenbench.tasks import MULTI_TASK
 
 # A shell's background job ignores Ctrl-C, and what it starts would inherit that: tests send it to what they start.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -52,3 +53,13 @@ def mesh_folder(tmp_path) -> Path:
     write_obj(folder / "can" / "long.obj", box_mesh(100, 30, 20))
     write_obj(folder / "jar" / "jar.obj", box_mesh(2, 1, 1))
     return folder
+
+
+@pytest.fixture(scope="session")
+def box_suite(tmp_path_factory) -> Path:
+    """Return the output folder of 400 training pairs of each task of the multi-task suite, and 100 test pairs of box."""
+    out = tmp_path_factory.mktemp("suite")
+    names = (*MULTI_TASK, "box")
+    generate(",".join(names), "train", 400, out, workers=1, audit=0.0)
+    generate("box", "test", 100, out, workers=1, audit=0.0)
+    return out
