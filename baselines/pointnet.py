@@ -136,8 +136,8 @@ def largest_product(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:
 class ProductsAt(torch.autograd.Function):
     """Products (B, C) of the rows of W (C, K) with one chosen point each, index (B, C), of clouds (B, N, K).
 
-    Written out because autograd would keep the chosen points, (B, C, K), and pass over them many times: here one cloud's
-    are gathered at a time, stay in the cache, and are gathered again for the gradient.
+    Written out because autograd would keep the chosen points, (B, C, K), and pass over them many times: here those of
+    one cloud are gathered at a time, stay in the cache, and are gathered again for the gradient.
     """
 
     @staticmethod
