@@ -44,7 +44,8 @@ class Learner:
         FloatingPointError before anything is changed if the loss is no finite number.
         """
         schedule = self.schedule
-        batch = dataset.read(rows, FIELDS)
+        names = fields_of(self.net)
+        batch = dataset.read(rows, names)
         rng = np.random.default_rng([schedule.seed, number])
         count = schedule.points_at(number, self.steps)
         env, obj = (tensor_of(thinned(batch[name], count, rng), self.device) for name in FIELDS[:2])
@@ -52,7 +53,7 @@ class Learner:
             group["lr"] = schedule.rate(number, self.steps)
         self.net.train()
         self.adam.zero_grad()
-        loss = self.net.loss(env, obj, tensor_of(batch["label"], self.device))
+        loss = self.net.loss(env, obj, *(tensor_of(batch[name], self.device) for name in names[2:]))
         value = float(loss.item())
         if not np.isfinite(value):
             msg = f"the loss is {value}"
@@ -90,6 +91,11 @@ class Learner:
                 msg = f"The checkpoint in {place} lacks {error}. Train again into another --out."
                 raise ModelError(msg) from error
             self.adam.state[parameter] = state
+
+
+def fields_of(net: Any) -> tuple[str, ...]:
+    """Return what a model's `loss` asks for: both clouds, the label, and what else it names."""
+    return tuple(getattr(net, "fields", FIELDS))
 
 
 def tensor_of(values: NDArray[Any], device: torch.device) -> Tensor:

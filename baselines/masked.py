@@ -26,7 +26,7 @@ from eigenbench.records import Groups
 from eigenbench.tasks import MULTI_TASK, TaskSpec
 
 SPEED = 100.0
-ADAPT_STEPS, ADAPT_RATE = 500, 0.1
+ADAPT_STEPS, ADAPT_RATE = 100, 0.3
 _BATCH = 64
 
 Lengths = Callable[[TaskSpec, Form], nn.Module]
@@ -107,7 +107,7 @@ def log_selected(slack: Tensor, mask_logits: Tensor) -> tuple[Tensor, Tensor]:
 def mask_of(slack: Tensor, label: Tensor) -> Tensor:
     """Return the mask (S,) in [0, 1] under which slacks (B, S) best explain labels (B,) bool, by cross-entropy.
 
-    All pairs in every step: the slacks are fixed, so 500 steps of Adam on S numbers take a moment.
+    All pairs in every step: the slacks are fixed, so 100 steps of Adam on S numbers take a moment.
     """
     slack = slack.detach()
     with torch.enable_grad():

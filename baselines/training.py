@@ -14,15 +14,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from eigenbench.baselines.learner import FIELDS, Learner, products_in, tensor_of
+from eigenbench.baselines.learner import Learner, fields_of, products_in, tensor_of
+from eigenbench.baselines.masked import Masked
 from eigenbench.baselines.models import make_model
 from eigenbench.baselines.run_folder import CHECKPOINT, Progress, Settings, load_run, save_checkpoint, write_submission
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.baselines.settling import make_run_folder, memory_named, open_train_split, usable_device
+from eigenbench.baselines.suite import open_suite
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError, ModelError
 from eigenbench.frozen_subsets import Rows
 from eigenbench.metrics import decide, one_group
+from eigenbench.tasks import find_task
 from eigenbench.validation_pairs import split_rows
 
 STEPS_A_CHECKPOINT = 100
@@ -61,11 +64,12 @@ def train(
         a diverging loss, a checkpoint that does not fit, too little memory
     """
     schedule = schedule or Schedule()
-    dataset = open_train_split(Path(data), task, FIELDS)
     on = usable_device(device)
     torch.manual_seed(schedule.seed)
-    net = make_model(model, dataset.task, schedule.form)  # type: ignore[arg-type]
-    settings = Settings(model, dataset.task.name, dataset.manifest.digest, asdict(schedule))
+    net = make_model(model, find_task(task), schedule.form)  # type: ignore[arg-type]
+    names = fields_of(net)
+    dataset = open_suite(Path(data), names) if isinstance(net, Masked) else open_train_split(Path(data), task, names)
+    settings = Settings(model, dataset.task.name, dataset.digest, asdict(schedule))
     folder = make_run_folder(Path(out), resume)
     with memory_named(schedule.batch_size), products_in(schedule.precision):
         run = _Run(net.to(on), dataset, folder, settings, schedule)
@@ -143,11 +147,13 @@ def accuracy(net: Any, dataset: Dataset, rows: Rows) -> float:
     """Return the share of rows that a model decides rightly, as the benchmark decides."""
     net.eval()
     device = next(net.parameters()).device
+    names = fields_of(net)
+    asked = [name for name in names if name != "label"]
     right = 0
     for start in range(0, len(rows), _VALIDATION_BATCH):
-        batch = dataset.read(rows[start : start + _VALIDATION_BATCH], FIELDS)
+        batch = dataset.read(rows[start : start + _VALIDATION_BATCH], names)
         with torch.inference_mode():
-            found = net.answer(*(tensor_of(batch[name], device) for name in FIELDS[:2]))
+            found = net.answer(*(tensor_of(batch[name], device) for name in asked))
         right += int((_decision(found) == batch["label"]).sum())
     return right / len(rows)
 

@@ -113,7 +113,7 @@ def test_adapting_moves_no_weight(kind):
     torch.manual_seed(7)
     net = kind(BOX).eval()
     model = MaskedSubmission(net, BOX, "cpu")
-    env, obj, label = clouds(8, 70)
+    env, obj, label = clouds(8, 66)
     before = {name: value.clone() for name, value in net.state_dict().items()}
     plain = model.predict(env, obj)
     model.adapt(env, obj, label)
@@ -144,9 +144,9 @@ def test_masks_are_for_box_alone():
 
 def test_direct_from_scratch_forgets_between_draws():
     """Each draw begins with the same weights, learns what it is shown, and leaves torch's own stream alone."""
-    env, obj, label = clouds(11, 40)
+    env, obj, label = clouds(11, 24, 16)
     env[label, :, 0] *= 3  # the label can be seen
-    model = FromScratch(BOX, 15)
+    model = FromScratch(BOX, 12)
     stream = torch.get_rng_state()
     untrained = model.predict(env, obj)["probability"]
     model.adapt(env, obj, label)
@@ -165,10 +165,11 @@ def test_few_shot_run_tells_masks(box_suite, tmp_path):
     from eigenbench.learning import FewShot
 
     run = train("masked", "box", box_suite, tmp_path / "run", Schedule(epochs=1, batches=2, batch_size=8))
-    few = FewShot(box_suite / "box" / "train", draws=2)
-    done = eigenbench.evaluate(run / "model.py", box_suite / "box" / "test", tmp_path / "done", few_shot=few)
+    few = FewShot(box_suite / "box" / "train", draws=1)
+    done = eigenbench.evaluate(
+        run / "model.py", box_suite / "box" / "test", tmp_path / "done", few_shot=few, checks=False, report=False
+    )
     assert done.result["few_shot"]["provided"]
-    assert len(done.result["few_shot"]["draws"]) == 2
     with np.load(done.folder / "few-shot-00.npz") as stored:
         groups = json.loads(str(stored["groups"]))
     assert len(groups) == 1

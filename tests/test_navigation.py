@@ -19,6 +19,7 @@ class Says:
         self.answer = answer
 
     def predict(self, env, obj):
+        """Return it."""
         del env, obj
         return self.answer
 
@@ -29,6 +30,7 @@ class Ahead:
     arrays = "torch"
 
     def predict(self, env, obj):
+        """Return free depth and what a step needs, (B, 1) each."""
         radius = obj[:, :, 1].abs().amax(1)
         inside = (env[:, :, 1].abs() < radius[:, None] + 0.05) & (env[:, :, 0] > 0)
         depth = torch.where(inside, env[:, :, 0], torch.inf).amin(1)
