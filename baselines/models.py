@@ -1,5 +1,6 @@
 """The models by name, and a trained one read back from its weights as a submission."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,16 @@ from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.pointnet import Form
+from eigenbench.baselines.schedule import Schedule
 from eigenbench.checkpoints import load_checkpoint
-from eigenbench.errors import ModelError, choose
+from eigenbench.dataset import Dataset
+from eigenbench.errors import ModelError, UsageError, choose
 from eigenbench.tasks import TaskSpec
 
 MODELS: dict[str, Any] = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
 MODEL = "model"
-"""Name of the metadata entry of a weights file that says which model they are of."""
+SCHEDULE = "schedule"
+"""Names of the metadata entries of a weights file: which model they are of, and how they were trained, in JSON."""
 
 
 def make_model(name: str, task: TaskSpec, form: Form = "fast") -> Any:
@@ -31,7 +35,8 @@ def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Sub
     """
     path = Path(weights)
     tensors = load_checkpoint(path, task.name, device)
-    name = metadata_of(path).get(MODEL, "")
+    metadata = metadata_of(path)
+    name = metadata.get(MODEL, "")
     if name not in MODELS:
         msg = (
             f"Weights {path.name} are of the model '{name}'; known: {', '.join(MODELS)}. `eigenbench train` makes them."
@@ -39,7 +44,16 @@ def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Sub
         raise ModelError(msg)
     net = make_model(name, task).to(device)
     fill(net, tensors, path.name)
-    return Submission(net.eval(), task, device)
+    return Submission(name, net.eval(), task, _schedule(metadata, path.name), device)
+
+
+def _schedule(metadata: dict[str, str], place: str) -> Schedule:
+    """Return the schedule that a weights file was trained by; the usual one where it does not say."""
+    try:
+        return Schedule(**json.loads(metadata.get(SCHEDULE, "{}")))
+    except (TypeError, ValueError, UsageError) as error:
+        msg = f"Weights {place} name a schedule that cannot be read: {error}. `eigenbench train` makes them."
+        raise ModelError(msg) from error
 
 
 def metadata_of(path: Path) -> dict[str, str]:
@@ -74,9 +88,16 @@ class Submission:
 
     arrays = "torch"
 
-    def __init__(self, net: Any, task: TaskSpec, device: str) -> None:
-        self.net, self.device = net, device
+    def __init__(self, model: str, net: Any, task: TaskSpec, schedule: Schedule, device: str) -> None:
+        self.model, self.net, self.schedule, self.device = model, net, schedule, device
         self.grounded, self.tasks = net.grounded, (task.name,)
+
+    def fit(self, dataset: Dataset, budget: Any) -> None:
+        """Forget what was learnt and train on a subset, by the schedule of the run; seconds are not looked at."""
+        from eigenbench.baselines.fitting import fitted
+
+        del budget
+        self.net = fitted(self.model, dataset, self.schedule, self.device).eval()
 
     def predict(self, env: Tensor, obj: Tensor) -> dict[str, Any]:
         """Answer for environments (B, M, 3) and objects (B, N, 3) in metres."""
