@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from eigenbench.baselines.models import MODEL, metadata_of
+from eigenbench.baselines.models import MODEL, SCHEDULE, metadata_of
 from eigenbench.checkpoints import TASK
 from eigenbench.errors import DataError, ModelError, UsageError
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -93,7 +93,8 @@ def load_run(folder: Path, settings: Settings) -> tuple[Progress, dict[str, Tens
 
 def write_submission(folder: Path, settings: Settings, progress: Progress, weights: dict[str, Tensor]) -> None:
     """Write the weights, the model file that reads them, and the history."""
-    _save(folder / WEIGHTS, weights, {TASK: settings.task, MODEL: settings.model})
+    about = {TASK: settings.task, MODEL: settings.model, SCHEDULE: json.dumps(settings.schedule)}
+    _save(folder / WEIGHTS, weights, about)
     write_text_atomically(folder / SUBMISSION, _MODEL_PY.format(task=settings.task, weights=WEIGHTS))
     text = json.dumps({"settings": settings.flat(), "history": progress.history}, indent=1) + "\n"
     write_text_atomically(folder / HISTORY, text)
