@@ -14,7 +14,7 @@ from eigenbench.tasks import PAPER_TASKS
 
 GROUNDED_TASKS = ("tube", "fit", "top")
 """The tasks whose lengths are distances of parallel planes: those of the paper's analysis."""
-EPOCHS = {"fit": 4, "top": 3}
+EPOCHS = {"fit": 4, "top": 3, "multitube": 4, "tube-rotated": 6, "fit-rotated": 6}
 EASY_EPOCHS = 2
 """Of the other tasks: cavities and countertops are harder to find than walls."""
 MINUTES_AN_EPOCH = {"implicit": 3.5, "direct": 3.5, "grounded": 6.0}
@@ -28,16 +28,16 @@ def schedule_of(task: str, quick: bool) -> Schedule:
     return replace(base, epochs=EPOCHS.get(task, EASY_EPOCHS))
 
 
-def train_row(model: str, task: str, place: Place) -> Path:
+def train_row(model: str, task: str, place: Place, part: str = "a") -> Path:
     """Train a model on a task, or go on, or find it trained, and return its run folder."""
-    run = place.runs / f"a-{model}-{task}"
+    run = place.runs / f"{part}-{model}-{task}"
     split = place.split(task, "train")
     return train(model, task, split, run, schedule_of(task, place.quick), resume=True, progress=place.progress)
 
 
-def trained(model: str, task: str, place: Place) -> Result:
+def trained(model: str, task: str, place: Place, part: str = "a") -> Result:
     """Train a model on a task, evaluate it in isolation, and return its row."""
-    run, split = train_row(model, task, place), place.split(task, "test")
+    run, split = train_row(model, task, place, part), place.split(task, "test")
     found = summary(evaluated(run / "model.py", split, run / "evaluation", progress=place.progress), split)
     told = json.loads((run / HISTORY).read_text(encoding="utf-8"))
     return {"model": model, "task": task, "schedule": told["settings"], "history": told["history"], **found}
