@@ -1,4 +1,4 @@
-"""Part c: lengths learnt on six box tasks, and a seventh task learnt from 320 pairs; Direct from the same pairs alone."""
+"""Part c: lengths learnt on six box tasks, a seventh learnt from 320 pairs; Direct from the same pairs alone."""
 
 import json
 from collections.abc import Sequence

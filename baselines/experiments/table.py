@@ -1,9 +1,11 @@
 """docs/results.md: every row that is there, beside what the paper states."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from eigenbench.baselines.experiments.paper import NOT_PUBLISHED, ROWS, STATED
+from eigenbench.baselines.experiments.cells import lines_of, number, percent
+from eigenbench.baselines.experiments.new_tasks import new_tasks
+from eigenbench.baselines.experiments.paper import NOT_PUBLISHED, STATED
 from eigenbench.baselines.experiments.row import Result
 
 Rows = Mapping[str, Result]
@@ -18,29 +20,8 @@ task, and R2 in figures alone: those are "not published" here.
 
 def table(rows: Rows) -> str:
     """Return the document."""
-    sections = (_accuracies(rows), _lengths(rows), _efficiency(rows), _others(rows))
+    sections = (_accuracies(rows), _lengths(rows), _efficiency(rows), *new_tasks(rows))
     return "\n".join([_HEAD, *("\n".join(lines) + "\n" for lines in sections if lines)])
-
-
-def percent(score: Mapping[str, float | None] | None) -> str:
-    """Return a share with its interval in percent."""
-    return number(score, 100, 2)
-
-
-def number(score: Mapping[str, float | None] | None, times: float = 1.0, digits: int = 3) -> str:
-    """Return a score with its interval, "-" where there is none."""
-    if score is None or score["value"] is None:
-        return "-"
-    value, low, high = (times * (score[name] or 0.0) for name in ("value", "low", "high"))
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def lines_of(title: str, text: str, columns: Sequence[str], cells: Iterable[Sequence[str]]) -> list[str]:
-    """Return a section with a table; no lines where it has no rows."""
-    body = ["| " + " | ".join(row) + " |" for row in cells]
-    if not body:
-        return []
-    return [f"## {title}", "", text, "", "| " + " | ".join(columns) + " |", "|" + "---|" * len(columns), *body]
 
 
 def _part(rows: Rows, *parts: str) -> list[Result]:
@@ -125,15 +106,3 @@ def _efficiency(rows: Rows) -> list[str]:
     chance = next((f"{row['chance_degrees']:.1f}" for row in _part(rows, "b")), "")
     text = f"The paper: {STATED['data efficiency']}. A random direction is {chance} degrees off on average."
     return lines_of("Data efficiency (b)", text, columns, cells)
-
-
-def _others(rows: Rows) -> list[str]:
-    cells = [
-        (row["title"], percent(row.get("accuracy")), number(row.get("rotation_degrees"), 1, 2), ROWS.get(name, "-"))
-        for name, row in rows.items()
-        if name.partition("-")[0] in ("c", "d", "e")
-    ]
-    text = "Few-shot adaptation after 320 pairs, turned scenes, two tubes by DNF."
-    return lines_of(
-        "New tasks, rotations, DNF (c, d, e)", text, ("row", "accuracy, %", "rotation, degrees", "paper"), cells
-    )
