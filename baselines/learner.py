@@ -12,6 +12,7 @@ from torch import Tensor
 
 from eigenbench.baselines.models import fill
 from eigenbench.baselines.schedule import Schedule
+from eigenbench.baselines.symmetry import drawn_factors
 from eigenbench.dataset import Dataset
 from eigenbench.errors import ModelError
 from eigenbench.frozen_subsets import Rows
@@ -53,6 +54,9 @@ class Learner:
         clouds = {
             name: thinned(batch[name], count, rng) if name in self.net.thinned else batch[name] for name in CLOUDS
         }
+        if schedule.stretch:
+            factors = drawn_factors(dataset.task, len(rows), schedule.stretch, rng)
+            clouds = {name: cloud * factors for name, cloud in clouds.items()}
         env, obj = (tensor_of(clouds[name], self.device) for name in CLOUDS)
         for group in self.adam.param_groups:
             group["lr"] = group["speed"] * schedule.rate(number, self.steps)
