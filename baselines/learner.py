@@ -12,11 +12,15 @@ from torch import Tensor
 
 from eigenbench.baselines.models import fill
 from eigenbench.baselines.schedule import Schedule
+from eigenbench.baselines.symmetry import drawn_factors
 from eigenbench.dataset import Dataset
 from eigenbench.errors import ModelError
 from eigenbench.frozen_subsets import Rows
 
-FIELDS = ("env_points", "obj_points", "label")
+CLOUDS = ("env_points", "obj_points")
+FIELDS = (*CLOUDS, "label")
+TAU = "log_tau"
+"""Name that the models give to the logarithm of their temperature."""
 _ADAM = ("step", "exp_avg", "exp_avg_sq")
 _YOUNG = 10
 """The mean of the weights begins with as many steps as there were, and this many more."""
@@ -36,7 +40,7 @@ class Learner:
         self.net, self.schedule, self.steps = net, schedule, steps
         self.mean = copy.deepcopy(net) if schedule.averaging else net
         self.device = next(net.parameters()).device
-        self.adam = torch.optim.Adam(net.parameters(), lr=schedule.learning_rate, fused=True)
+        self.adam = torch.optim.Adam(groups_of_speed(net, schedule.tau_speed), lr=schedule.learning_rate, fused=True)
 
     def step(self, number: int, dataset: Dataset, rows: Rows) -> float:
         """Learn from some rows of a split as step `number` of the run and return the loss.
@@ -48,9 +52,15 @@ class Learner:
         batch = dataset.read(rows, names)
         rng = np.random.default_rng([schedule.seed, number])
         count = schedule.points_at(number, self.steps)
-        env, obj = (tensor_of(thinned(batch[name], count, rng), self.device) for name in FIELDS[:2])
+        clouds = {
+            name: thinned(batch[name], count, rng) if name in self.net.thinned else batch[name] for name in CLOUDS
+        }
+        if schedule.stretch:
+            factors = drawn_factors(dataset.task, len(rows), schedule.stretch, rng)
+            clouds = {name: cloud * factors for name, cloud in clouds.items()}
+        env, obj = (tensor_of(clouds[name], self.device) for name in CLOUDS)
         for group in self.adam.param_groups:
-            group["lr"] = schedule.rate(number, self.steps)
+            group["lr"] = group["speed"] * schedule.rate(number, self.steps)
         self.net.train()
         self.adam.zero_grad()
         loss = self.net.loss(env, obj, *(tensor_of(batch[name], self.device) for name in names[2:]))
@@ -96,6 +106,14 @@ class Learner:
 def fields_of(net: Any) -> tuple[str, ...]:
     """Return what a model's `loss` asks for: both clouds, the label, and what else it names."""
     return tuple(getattr(net, "fields", FIELDS))
+
+
+def groups_of_speed(net: Any, tau_speed: float) -> list[dict[str, Any]]:
+    """Return Adam's groups: temperatures learn `tau_speed` times as fast as the rest."""
+    named = list(net.named_parameters())
+    taus = [p for name, p in named if name.rpartition(".")[2] == TAU]
+    others = [p for name, p in named if name.rpartition(".")[2] != TAU]
+    return [{"params": others, "speed": 1.0}] + ([{"params": taus, "speed": tau_speed}] if taus else [])
 
 
 def tensor_of(values: NDArray[Any], device: torch.device) -> Tensor:

@@ -10,7 +10,6 @@ the sigmoid of `SPEED` times a parameter, so that it can settle within the first
 slots have: then each slot becomes one length instead of a mixture of several.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -29,14 +28,12 @@ SPEED = 100.0
 ADAPT_STEPS, ADAPT_RATE = 100, 0.3
 _BATCH = 64
 
-Lengths = Callable[[TaskSpec, Form], nn.Module]
-
 
 class Masked(nn.Module):
     """Shared lengths and the masks of the training tasks, in the order of `MULTI_TASK`."""
 
     fields = ("env_points", "obj_points", "label", "task_number")
-    lengths_of: Lengths = Implicit
+    lengths_of: Any = Implicit
     grounded = False
 
     def __init__(self, task: TaskSpec, form: Form = "fast") -> None:
@@ -45,6 +42,7 @@ class Masked(nn.Module):
             msg = f"A masked model learns the training tasks of the box suite, for the task 'box', not '{task.name}'."
             raise UsageError(msg)
         self.lengths = type(self).lengths_of(task, form)
+        self.thinned = self.lengths.thinned
         self.mask_logits = nn.Parameter(torch.zeros(len(MULTI_TASK), task.slots))
 
     def masks(self) -> Tensor:

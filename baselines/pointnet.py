@@ -80,14 +80,15 @@ class PointNet(nn.Module):
             first = self.layers[0](points)
             last = self.layers[2](self.layers[1](first))
             return last.view(batch, count, -1).amax(1), first.view(batch, count, -1)
-        first = _folded_layer(self.layers[0], points)
-        second = _folded_layer(self.layers[1], first)
+        first = folded_layer(self.layers[0], points)
+        second = folded_layer(self.layers[1], first)
         weight, shift = self.layers[2].folded(second)
         largest = largest_product(second.view(batch, count, -1), weight, shift)
         return functional.leaky_relu(largest, SLOPE), first.view(batch, count, -1)
 
 
-def _folded_layer(layer: PointLayer, points: Tensor) -> Tensor:
+def folded_layer(layer: PointLayer, points: Tensor) -> Tensor:
+    """Return what the layer does to points (P, in), with batch norm folded into the product."""
     weight, shift = layer.folded(points)
     return functional.leaky_relu_(torch.addmm(shift, points, weight.t()), SLOPE)
 

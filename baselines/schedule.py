@@ -32,6 +32,10 @@ class Schedule:
     averaging : decay a batch of the mean of the weights that is tested and kept; 0 keeps the last weights
     seed : of the first weights, the pairs' order and the points drawn
     form : of the backbone, "fast" or "plain"
+    stretch : log of the most by which both clouds of a pair are stretched, beside being mirrored, anew in each batch;
+        0 shows them as they are. No label changes by it, see `symmetry`
+    tau_speed : learning rate of log tau, in those of the rest: Adam moves it by about one rate a batch, too little for
+        lengths in metres within some thousand batches
     precision : of the products of matrices, "float32", or "bf16" where the processor has units for it
     """
 
@@ -43,6 +47,8 @@ class Schedule:
     points: int = 128
     whole: float = 0.05
     averaging: float = 0.995
+    stretch: float = 0.3
+    tau_speed: float = 10.0
     seed: int = 0
     form: str = "fast"
     precision: str = "bf16" if has_bf16_units() else "float32"
@@ -59,7 +65,10 @@ class Schedule:
         if not 0 < self.learning_rate < float("inf"):
             msg = f"Learning rate is {self.learning_rate}; it must be above 0 and finite."
             raise UsageError(msg)
-        for name, high in (("whole", 1.0), ("averaging", 0.9999)):
+        if not 0 < self.tau_speed <= 100:
+            msg = f"Option tau_speed is {self.tau_speed}; it must be above 0 and at most 100."
+            raise UsageError(msg)
+        for name, high in (("whole", 1.0), ("averaging", 0.9999), ("stretch", 1.0)):
             if not 0 <= getattr(self, name) <= high:
                 msg = f"Option {name} is {getattr(self, name)}; it must be from 0 to {high:g}."
                 raise UsageError(msg)
@@ -78,7 +87,9 @@ class Schedule:
         return self.points if step < steps * (1 - self.whole) else POINTS
 
 
-PAPER = Schedule(epochs=100, fall="halving", points=POINTS, averaging=0.0, precision="float32")
+PAPER = Schedule(
+    epochs=100, fall="halving", points=POINTS, averaging=0.0, stretch=0.0, tau_speed=1.0, precision="float32"
+)
 """The paper's appendix; its rate halves every 10 epochs, here every tenth of the run."""
 SCHEDULES = {"short": Schedule(), "paper": PAPER}
 """By name."""
