@@ -2,8 +2,8 @@
 
 An object is moved by translations alone and must not touch; a map of all space that keeps straight lines straight and
 parallels parallel keeps both. Mirrors of x and y keep up and down as well. Stretches along the three axes also keep
-boxes boxes and floors level, so they suit every task that asks about boxes and outlines; round lengths and turned scenes
-stay what they are only if all axes are stretched alike.
+boxes boxes and floors level, so they suit every task that asks about boxes and outlines; round lengths and turned
+scenes stay what they are only if all axes are stretched alike.
 """
 
 import numpy as np

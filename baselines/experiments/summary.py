@@ -11,13 +11,18 @@ from eigenbench import metrics
 from eigenbench.accuracy import family, reference_decisions
 from eigenbench.dataset import Dataset, load
 from eigenbench.evaluation import evaluate
-from eigenbench.intervals import Statistic, mean_over
+from eigenbench.intervals import Statistic, mean_over, resample
 from eigenbench.results import RESULT, Predictions, read_run
 from eigenbench.scoring import score_predictions
 from eigenbench.truth import Judged, Truth
 
 CLEAR_MARGIN = 0.02
 """Relative margin from which on a pair is called clear: below it, sampling alone may turn the label round."""
+
+
+NEAR = 1.5
+FEWEST = 100
+"""Fewer pairs that test a length tell nothing of it."""
 
 
 def evaluated(model: Path, split: Path, out: Path, **options: Any) -> Path:
@@ -69,16 +74,35 @@ def _accuracies(judged: Judged) -> dict[str, Any]:
 
 
 def _lengths(judged: Judged, scores: dict[str, Any]) -> dict[str, Any]:
-    """Return of each human length its slot, and R2 on both sides: of a line, and of a line through its logarithm."""
+    """Return of each human length its slot, and R2 on both sides: of a line, and of a line through its logarithm.
+
+    `tested_log_r2` is the environment's over the pairs that test the length: whose other lengths all fit, and where the
+    object's is within a factor of `NEAR` of the environment's. No label tells of the others.
+    """
     arrays, t = judged.predictions.arrays, judged.targets
     sides = ("env", "obj")
-    logs = judged.resample(
-        {s: metrics.r2_statistic(arrays[f"{s}_lengths"], np.log(t[f"{s}_lengths"].astype(float))) for s in sides}
-    )
+    logs = {s: np.log(t[f"{s}_lengths"].astype(np.float64)) for s in sides}
+    r2 = judged.resample({s: metrics.r2_statistic(arrays[f"{s}_lengths"], logs[s]) for s in sides})
     found = {}
     for length, name in enumerate(judged.truth.task.lengths):
         one = scores["all_pairs"]["matched"].get(name)
-        if one is not None:
-            found[name] = {"slot": one["slot"], **{f"{s}_r2": one[f"{s}_r2"] for s in sides}}
-            found[name] |= {f"{s}_log_r2": asdict(logs[s].interval(one["slot"], length)) for s in sides}
+        if one is None:
+            continue
+        slot = one["slot"]
+        found[name] = {"slot": slot, **{f"{s}_r2": one[f"{s}_r2"] for s in sides}}
+        found[name] |= {f"{s}_log_r2": asdict(r2[s].interval(slot, length)) for s in sides}
+        tested = np.flatnonzero(_tests(logs["env"] - logs["obj"], length))
+        if len(tested) >= FEWEST:
+            of_tested = metrics.r2_statistic(arrays["env_lengths"][tested][:, [slot]], logs["env"][tested][:, [length]])
+            weights = (w[:, tested] for w in judged.weights)
+            found[name]["tested_log_r2"] = asdict(
+                resample({"r2": of_tested}, len(tested), weights)["r2"].interval(0, 0)
+            )
     return found
+
+
+def _tests(slack: NDArray[np.float64], length: int) -> NDArray[np.bool_]:
+    """Return which pairs (n,) test a length, of logarithms of environment's by object's lengths (n, S')."""
+    others = np.delete(slack, length, axis=1)
+    inside: NDArray[np.bool_] = (np.abs(slack[:, length]) < np.log(NEAR)) & (others > 0).all(axis=1)
+    return inside

@@ -65,8 +65,9 @@ def _lengths(rows: Rows) -> list[str]:
         "slot",
         "R2 env",
         "R2 obj",
-        "R2 of log env",
-        "R2 of log obj",
+        "log env",
+        "log obj",
+        "log env, tested",
         "decides, %",
         "angle",
     )
@@ -74,17 +75,18 @@ def _lengths(rows: Rows) -> list[str]:
     for row in sorted(_part(rows, "a"), key=lambda r: (r["task"], r["model"])):
         lengths: dict[str, Any] = row.get("lengths") or {}
         for name, one in lengths.items():
-            r2 = [number(one[f"{side}{log}_r2"]) for log in ("", "_log") for side in ("env", "obj")]
+            r2 = [number(one.get(f"{key}_r2")) for key in ("env", "obj", "env_log", "obj_log", "tested_log")]
             use = percent(row["slot_use"][one["slot"]])
             angle = number((row.get("angles") or {}).get(name), 1, 2)
             cells.append((row["task"], row["model"], name, str(one["slot"]), *r2, use, angle))
         used = {one["slot"] for one in lengths.values()}
         for slot, use in enumerate(row.get("slot_use") or []):
             if slot not in used:
-                cells.append((row["task"], row["model"], "(spare)", str(slot), "-", "-", "-", "-", percent(use), "-"))
+                cells.append((row["task"], row["model"], "(spare)", str(slot), *5 * ("-",), percent(use), "-"))
     text = (
         f"The paper: implicit R2 {STATED['implicit R2']}; grounded R2 {STATED['grounded R2']}; the spare slot of top "
-        f"{STATED['spare slot of top']}. Angles in degrees, of the learned vector to the length's true direction."
+        f"{STATED['spare slot of top']}. R2 is of a line through the length, or through its logarithm; "
+        "tested: over the pairs whose other lengths fit and where this one is near. Angles are in degrees."
     )
     return lines_of("Lengths (a)", text, columns, cells)
 
