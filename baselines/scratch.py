@@ -34,7 +34,9 @@ class FromScratch:
     def _untrained(self) -> Direct:
         with torch.random.fork_rng():
             torch.manual_seed(self.seed)
-            return Direct(self.task).to(self.device).eval()
+            net = Direct(self.task)
+        net.to(self.device).eval()
+        return net
 
     def adapt(self, env: Tensor, obj: Tensor, label: Tensor) -> None:
         """Train a fresh network on pairs (B, M, 3), (B, N, 3) in metres and labels (B,) bool."""

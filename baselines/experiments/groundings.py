@@ -65,7 +65,7 @@ def grounding(cloud: Floats, vectors: Floats, planes: Floats, slots: Sequence[in
     scale = 0.44 * _CELL / max(np.abs((cloud - middle) @ VIEW).max(), 1e-9)
 
     def place(points: Floats) -> Floats:
-        return (points - middle) @ VIEW * [scale, -scale]
+        return np.asarray((points - middle) @ VIEW * [scale, -scale])
 
     dots = [tag("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r=0.8) for x, y in place(cloud[:_SHOWN])]
     radius = 0.25 * float(np.ptp(cloud, axis=0).max())
