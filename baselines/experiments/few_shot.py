@@ -38,7 +38,7 @@ def schedule_of(model: str, quick: bool) -> Schedule:
 
 def adapted(model: Path, out: Path, place: Place) -> Path:
     """Evaluate a model on draws of the box task unless its run is there, and return the run's folder."""
-    few = FewShot(place.split(TASK, "train"), 2 if place.quick else DRAWS)
+    few = FewShot(place.split(TASK, "train"), 1 if place.quick else DRAWS)
     return evaluated(model, place.split(TASK, "test"), out, few_shot=few, progress=place.progress)
 
 
