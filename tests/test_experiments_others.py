@@ -11,7 +11,9 @@ from eigenbench.baselines.experiments.registry import ROWS
 from eigenbench.baselines.experiments.row import Place, read_rows, write_row
 from eigenbench.baselines.experiments.table import table
 from eigenbench.baselines.schedule import Schedule
+from eigenbench.evaluation import evaluate
 from eigenbench.generators.generation import generate
+from eigenbench.learning import FewShot
 from eigenbench.tasks import MULTI_TASK
 
 SHORT = replace(Schedule(), epochs=1, batches=2, batch_size=8, points=16)
@@ -45,6 +47,16 @@ def test_few_shot_rows(place, tmp_path, name):
         drawn = (place.runs / "c-masked-grounded-box" / "groundings.svg").read_text()
         assert all(task in drawn for task in (*MULTI_TASK, "box"))
         assert "nan" not in drawn
+
+
+def test_row_has_the_scores_of_evaluate(place):
+    """The row's few-shot scores, from one set of answers, are those of fresh processes that adapt to each draw."""
+    row = few_shot.masked("grounded", place)
+    few = FewShot(place.split("box", "train"), 1)
+    run = place.runs / "c-masked-grounded-box" / "model.py"
+    done = evaluate(run, place.split("box", "test"), place.runs / "again", few_shot=few, checks=False, report=False)
+    assert row["accuracy"] == done.result["few_shot"]["accuracy"]
+    assert row["auroc"]["value"] == pytest.approx(done.result["few_shot"]["auroc"]["value"])
 
 
 def test_rotated_row_tells_every_rule(place, tmp_path):
