@@ -19,6 +19,7 @@ class Direct(nn.Module):
     """Probability that the object fits, from both clouds at once."""
 
     grounded = False
+    thinned = ("env_points", "obj_points")
 
     def __init__(self, task: TaskSpec, form: Form = "fast") -> None:
         del task  # no slots here

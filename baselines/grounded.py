@@ -5,8 +5,8 @@ The paper's section 4 and its appendix. VectorNet (PointNet, MLP 1024 -> 256 -> 
 softmax over the points) gives S pairs of weights, and with them points p and q, the weighted means of the cloud. Then
 L_env = v.(q - p) and L_obj = max v.o - min v.o over the object's points o.
 
-What is ours: WeightNet sees every fourth point (`STRIDE`), which makes a step affordable on a CPU, and the global
-feature enters its first layer as one product a cloud instead of one a point, which changes nothing.
+What is ours: WeightNet sees at most 256 points (`SEEN`), which makes a step affordable on a CPU, and the global feature
+enters its first layer as one product a cloud instead of one a point, which changes nothing.
 """
 
 from typing import Any
@@ -16,10 +16,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from eigenbench.baselines.layers import HIDDEN, cross_entropy, groups_of, head, log_success
-from eigenbench.baselines.pointnet import SLOPE, WIDTHS, Form, PointLayer, PointNet
+from eigenbench.baselines.pointnet import SLOPE, WIDTHS, Form, PointLayer, PointNet, folded_layer
 from eigenbench.tasks import TaskSpec
 
-STRIDE = 4
+SEEN = 256
+"""Points of a cloud that WeightNet sees: every fourth of 1024."""
 _MIXED, *_WIDTHS = 512, 256, 128
 
 
@@ -42,7 +43,9 @@ class WeightNet(nn.Module):
         whole, each = self.backbone.with_points(cloud)
         mixed = self.mix_point(each) + self.mix_global(whole)[:, None]
         mixed = functional.leaky_relu(self.norm(mixed.view(batch * count, -1)), SLOPE)
-        hidden = self.hidden(self.shared(mixed)).view(batch, count, *self.output.shape)
+        shared = self.shared(mixed)
+        hidden = folded_layer(self.hidden, shared) if self.backbone.form == "fast" else self.hidden(shared)
+        hidden = hidden.view(batch, count, *self.output.shape)
         return torch.softmax(torch.einsum("bnsh,sh->bsn", hidden, self.output), 2)
 
 
@@ -50,6 +53,7 @@ class Grounded(nn.Module):
     """S eigen-lengths in metres, each with its direction and its two planes."""
 
     grounded = True
+    thinned = ("env_points",)
 
     def __init__(self, task: TaskSpec, form: Form = "fast") -> None:
         super().__init__()
@@ -61,7 +65,7 @@ class Grounded(nn.Module):
     def forward(self, env: Tensor) -> tuple[Tensor, Tensor]:
         """Return unit vectors (B, S, 3) and points (B, S, 2, 3) of the planes, of environments (B, M, 3) in metres."""
         vectors = functional.normalize(self.vector_net(env).view(-1, self.slots, 3), dim=2)
-        seen = env[:, ::STRIDE].contiguous()
+        seen = env[:, :: max(1, env.shape[1] // SEEN)].contiguous()
         points = self.weight_net(seen) @ seen
         return vectors, points.view(-1, self.slots, 2, 3)
 

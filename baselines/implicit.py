@@ -19,6 +19,7 @@ class Implicit(nn.Module):
     """S eigen-lengths on either side, of no unit: only their order is learnt."""
 
     grounded = False
+    thinned = ("env_points", "obj_points")
 
     def __init__(self, task: TaskSpec, form: Form = "fast") -> None:
         super().__init__()

@@ -1,5 +1,6 @@
 """The models by name, and a trained one read back from its weights as a submission."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,25 @@ from torch import Tensor, nn
 from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
+from eigenbench.baselines.masked import Masked, MaskedGrounded, group_of
 from eigenbench.baselines.pointnet import Form
+from eigenbench.baselines.schedule import Schedule
 from eigenbench.checkpoints import load_checkpoint
-from eigenbench.errors import ModelError, choose
+from eigenbench.dataset import Dataset
+from eigenbench.errors import ModelError, UsageError, choose
+from eigenbench.records import Groups
 from eigenbench.tasks import TaskSpec
 
-MODELS: dict[str, Any] = {"implicit": Implicit, "direct": Direct, "grounded": Grounded}
+MODELS: dict[str, Any] = {
+    "implicit": Implicit,
+    "direct": Direct,
+    "grounded": Grounded,
+    "masked": Masked,
+    "masked-grounded": MaskedGrounded,
+}
 MODEL = "model"
-"""Name of the metadata entry of a weights file that says which model they are of."""
+SCHEDULE = "schedule"
+"""Names of the metadata entries of a weights file: which model they are of, and how they were trained, in JSON."""
 
 
 def make_model(name: str, task: TaskSpec, form: Form = "fast") -> Any:
@@ -24,14 +36,15 @@ def make_model(name: str, task: TaskSpec, form: Form = "fast") -> Any:
     return MODELS[choose("model", name, MODELS)](task, form)
 
 
-def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Submission":
+def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Trained":
     """Return the trained model whose weights a run folder keeps in `model.safetensors`.
 
     ModelError if the file is damaged, for another task, names no model, or holds weights of another architecture.
     """
     path = Path(weights)
     tensors = load_checkpoint(path, task.name, device)
-    name = metadata_of(path).get(MODEL, "")
+    metadata = metadata_of(path)
+    name = metadata.get(MODEL, "")
     if name not in MODELS:
         msg = (
             f"Weights {path.name} are of the model '{name}'; known: {', '.join(MODELS)}. `eigenbench train` makes them."
@@ -39,7 +52,18 @@ def load_model(weights: str | Path, task: TaskSpec, device: str = "cpu") -> "Sub
         raise ModelError(msg)
     net = make_model(name, task).to(device)
     fill(net, tensors, path.name)
-    return Submission(net.eval(), task, device)
+    if isinstance(net, Masked):
+        return MaskedSubmission(net.eval(), task, device)
+    return Submission(name, net.eval(), task, _schedule(metadata, path.name), device)
+
+
+def _schedule(metadata: dict[str, str], place: str) -> Schedule:
+    """Return the schedule that a weights file was trained by; the usual one where it does not say."""
+    try:
+        return Schedule(**json.loads(metadata.get(SCHEDULE, "{}")))
+    except (TypeError, ValueError, UsageError) as error:
+        msg = f"Weights {place} name a schedule that cannot be read: {error}. `eigenbench train` makes them."
+        raise ModelError(msg) from error
 
 
 def metadata_of(path: Path) -> dict[str, str]:
@@ -69,7 +93,7 @@ def fill(net: nn.Module, tensors: dict[str, Tensor], place: str) -> None:
     net.load_state_dict(tensors)
 
 
-class Submission:
+class Trained:
     """A trained model as the benchmark asks for it."""
 
     arrays = "torch"
@@ -83,3 +107,33 @@ class Submission:
         with torch.inference_mode():
             found = self.net.answer(env.to(self.device), obj.to(self.device))
         return {name: value for name, value in found.items() if value is not None}
+
+
+class Submission(Trained):
+    """One that can be trained afresh on a subset of its task."""
+
+    def __init__(self, model: str, net: Any, task: TaskSpec, schedule: Schedule, device: str) -> None:
+        super().__init__(net, task, device)
+        self.model, self.schedule = model, schedule
+
+    def fit(self, dataset: Dataset, budget: Any) -> None:
+        """Forget what was learnt and train on a subset, by the schedule of the run; seconds are not looked at."""
+        from eigenbench.baselines.fitting import fitted
+
+        del budget
+        self.net = fitted(self.model, dataset, self.schedule, self.device).eval()
+
+
+class MaskedSubmission(Trained):
+    """A masked model on a new task: it compares all its lengths until it has adapted, then those of its mask."""
+
+    groups: Groups | None = None
+
+    def adapt(self, env: Tensor, obj: Tensor, label: Tensor) -> None:
+        """Learn the task's mask from pairs (B, M, 3), (B, N, 3) in metres and labels (B,) bool; no weight moves."""
+        self.groups = group_of(self.net.learn_mask(*(t.to(self.device) for t in (env, obj, label))))
+
+    def predict(self, env: Tensor, obj: Tensor) -> dict[str, Any]:
+        """Answer for environments (B, M, 3) and objects (B, N, 3) in metres."""
+        found = super().predict(env, obj)
+        return found if self.groups is None else found | {"groups": self.groups}

@@ -80,14 +80,15 @@ class PointNet(nn.Module):
             first = self.layers[0](points)
             last = self.layers[2](self.layers[1](first))
             return last.view(batch, count, -1).amax(1), first.view(batch, count, -1)
-        first = _folded_layer(self.layers[0], points)
-        second = _folded_layer(self.layers[1], first)
+        first = folded_layer(self.layers[0], points)
+        second = folded_layer(self.layers[1], first)
         weight, shift = self.layers[2].folded(second)
         largest = largest_product(second.view(batch, count, -1), weight, shift)
         return functional.leaky_relu(largest, SLOPE), first.view(batch, count, -1)
 
 
-def _folded_layer(layer: PointLayer, points: Tensor) -> Tensor:
+def folded_layer(layer: PointLayer, points: Tensor) -> Tensor:
+    """Return what the layer does to points (P, in), with batch norm folded into the product."""
     weight, shift = layer.folded(points)
     return functional.leaky_relu_(torch.addmm(shift, points, weight.t()), SLOPE)
 
@@ -124,17 +125,48 @@ def largest_product(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:
     The value, and the gradient, are those of the winning point in full precision. Which point wins is decided by
     `winners`: where two points are as near as its rounding, either may.
     """
-    batch, _, width = points.shape
+    batch, count, width = points.shape
     index = winners(points.detach(), weight.detach())
-    rows = points.reshape(-1, width)
-    if not torch.is_grad_enabled():  # a cloud at a time stays in the cache
-        return torch.stack([(rows.index_select(0, of_cloud) * weight).sum(1) for of_cloud in index]) + shift
-    rows = rows.index_select(0, index.view(-1))
+    if not points.is_cuda:
+        return ProductsAt.apply(points, weight, index) + shift
+    first = torch.arange(0, batch * count, count, device=points.device)[:, None]
+    rows = points.reshape(-1, width).index_select(0, (index + first).view(-1))
     return (rows.view(batch, len(weight), width) * weight).sum(2) + shift
 
 
+class ProductsAt(torch.autograd.Function):
+    """Products (B, C) of the rows of W (C, K) with one chosen point each, index (B, C), of clouds (B, N, K).
+
+    Written out because autograd would keep the chosen points, (B, C, K), and pass over them many times: here those of
+    one cloud are gathered at a time, stay in the cache, and are gathered again for the gradient.
+    """
+
+    @staticmethod
+    def forward(ctx: torch.autograd.function.FunctionCtx, points: Tensor, weight: Tensor, index: Tensor) -> Tensor:
+        """Return the products."""
+        ctx.save_for_backward(points, weight, index)
+        found, chosen = points.new_empty(index.shape), torch.empty_like(weight)
+        for cloud, at, place in zip(points, index, found, strict=True):
+            torch.index_select(cloud, 0, at, out=chosen)
+            torch.linalg.vecdot(chosen, weight, out=place)
+        return found
+
+    @staticmethod
+    def backward(ctx: torch.autograd.function.FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor, None]:  # type: ignore[override]
+        """Return the gradients of points and weight."""
+        points, weight, index = ctx.saved_tensors
+        of_points, of_weight = torch.zeros_like(points), torch.zeros_like(weight)
+        chosen = torch.empty_like(weight)
+        for cloud, at, pull, place in zip(points, index, gradient[..., None], of_points, strict=True):
+            torch.index_select(cloud, 0, at, out=chosen)
+            of_weight.addcmul_(chosen, pull)
+            torch.mul(weight, pull, out=chosen)
+            place.scatter_add_(0, at[:, None].expand_as(chosen), chosen)
+        return of_points, of_weight, None
+
+
 def winners(points: Tensor, weight: Tensor) -> Tensor:
-    """Return (B, C) int64, the row in (B * N, K) of the point of each cloud that has the largest product W p.
+    """Return (B, C) int64, the number in its cloud (B, N, K) of the point that has the largest product W p.
 
     A maximum with indices is several times slower than one without, so the number of the point is put into the low
     bits of the product, and one maximum gives both. On a CPU with bf16 matrix units the product is made in bf16, which
@@ -142,9 +174,8 @@ def winners(points: Tensor, weight: Tensor) -> Tensor:
     magnitudes. Else a float32 product is cut to 13 bits after its first.
     """
     batch, count, _ = points.shape
-    first = torch.arange(0, batch * count, count, device=points.device)[:, None]
     if points.is_cuda or points.dtype != torch.float32 or count > _MOST_POINTS:
-        return torch.stack([(weight @ cloud.t()).max(1).indices for cloud in points]) + first
+        return torch.stack([(weight @ cloud.t()).max(1).indices for cloud in points])
     half = has_bf16_units()
     if half:
         points, weight = points.bfloat16(), weight.bfloat16()
@@ -161,7 +192,7 @@ def winners(points: Tensor, weight: Tensor) -> Tensor:
             bits.bitwise_and_(~_NUMBER)
         bits.bitwise_or_(number)
         torch.amax(product, 1, out=place)
-    return largest.view(torch.int32).bitwise_and(_NUMBER).clamp_max(count - 1).long() + first
+    return largest.view(torch.int32).bitwise_and(_NUMBER).clamp_max(count - 1).long()
 
 
 _NUMBER = 0x3FF

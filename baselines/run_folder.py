@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from eigenbench.baselines.models import MODEL, metadata_of
+from eigenbench.baselines.models import MODEL, SCHEDULE, metadata_of
 from eigenbench.checkpoints import TASK
 from eigenbench.errors import DataError, ModelError, UsageError
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
@@ -38,27 +38,16 @@ def build(task, checkpoint=None, device="cpu"):
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What decides a run's weights, beside the machine.
-
-    Attributes
-    ----------
-    model, task : names
-    data : digest of the train split
-    epochs, batches, batch_size : length of the run; `batches` is the most of an epoch
-    learning_rate : Adam's at the beginning
-    seed : of the first weights and of the pairs' order
-    form : of the backbone
-    """
+    """What decides a run's weights, beside the machine: model, task, digest of the train split, and its schedule."""
 
     model: str
     task: str
     data: str
-    epochs: int
-    batches: int
-    batch_size: int
-    learning_rate: float
-    seed: int
-    form: str
+    schedule: dict[str, Any]
+
+    def flat(self) -> dict[str, Any]:
+        """Return all by name."""
+        return {"model": self.model, "task": self.task, "data": self.data, **self.schedule}
 
 
 @dataclass(slots=True)
@@ -74,7 +63,7 @@ class Progress:
 
 def save_checkpoint(folder: Path, settings: Settings, progress: Progress, tensors: dict[str, Tensor]) -> None:
     """Keep all that the run needs to go on."""
-    state = json.dumps({"settings": asdict(settings), "progress": asdict(progress)})
+    state = json.dumps({"settings": settings.flat(), "progress": asdict(progress)})
     _save(folder / CHECKPOINT, tensors, {TASK: settings.task, MODEL: settings.model, "state": state})
 
 
@@ -94,7 +83,7 @@ def load_run(folder: Path, settings: Settings) -> tuple[Progress, dict[str, Tens
     except (KeyError, TypeError, ValueError, OSError, SafetensorError) as error:
         msg = f"Checkpoint {path} cannot be gone on with: {error!r}. Train again into another --out."
         raise ModelError(msg) from error
-    now = asdict(settings)
+    now = settings.flat()
     other = [f"{name} {was.get(name)!r} instead of {now[name]!r}" for name in now if was.get(name) != now[name]]
     if other:
         msg = f"{folder} was begun with {', '.join(other)}. Resume with the same settings, or pass another --out."
@@ -104,9 +93,10 @@ def load_run(folder: Path, settings: Settings) -> tuple[Progress, dict[str, Tens
 
 def write_submission(folder: Path, settings: Settings, progress: Progress, weights: dict[str, Tensor]) -> None:
     """Write the weights, the model file that reads them, and the history."""
-    _save(folder / WEIGHTS, weights, {TASK: settings.task, MODEL: settings.model})
+    about = {TASK: settings.task, MODEL: settings.model, SCHEDULE: json.dumps(settings.schedule)}
+    _save(folder / WEIGHTS, weights, about)
     write_text_atomically(folder / SUBMISSION, _MODEL_PY.format(task=settings.task, weights=WEIGHTS))
-    text = json.dumps({"settings": asdict(settings), "history": progress.history}, indent=1) + "\n"
+    text = json.dumps({"settings": settings.flat(), "history": progress.history}, indent=1) + "\n"
     write_text_atomically(folder / HISTORY, text)
 
 

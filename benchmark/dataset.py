@@ -46,6 +46,11 @@ class Dataset:
         self.fields = tuple(choose("field", name, known) for name in fields)
         self._maps: dict[tuple[int, str], NDArray[Any]] = {}
 
+    @property
+    def digest(self) -> str:
+        """Return the sha256 of the content."""
+        return self.manifest.digest
+
     def __len__(self) -> int:
         """Return the number of pairs."""
         return self.manifest.recipe.pairs

@@ -10,6 +10,7 @@ from boarded import make_board, make_data, make_run, noisy
 from material import EVERY, box_mesh, write_obj
 
 from eigenbench.generators.generation import generate
+from eigenbench.tasks import MULTI_TASK
 
 # A shell's background job ignores Ctrl-C, and what it starts would inherit that: tests send it to what they start.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -88,3 +89,13 @@ def whole_board(tmp_path_factory, board_data, board_runs) -> Path:
 def board(whole_board, tmp_path) -> Path:
     """Return a board of a test's own."""
     return Path(shutil.copytree(whole_board, tmp_path / "board"))
+
+
+@pytest.fixture(scope="session")
+def box_suite(tmp_path_factory) -> Path:
+    """Return the output folder of 400 training pairs of each task of the multi-task suite, and 100 test pairs of box."""
+    out = tmp_path_factory.mktemp("suite")
+    names = (*MULTI_TASK, "box")
+    generate(",".join(names), "train", 400, out, workers=1, audit=0.0)
+    generate("box", "test", 100, out, workers=1, audit=0.0)
+    return out

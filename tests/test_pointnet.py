@@ -84,10 +84,10 @@ def test_winners_lose_no_more_than_the_bound(monkeypatch, units):
     index = winners(points, weight)
     products = points.view(-1, 128).double() @ weight.T.double()
     largest = products.view(4, 1000, 512).amax(1)
-    found = products[index, torch.arange(512)]
+    found = products.view(4, 1000, 512).gather(1, index[:, None])[:, 0]
     terms = (points.abs().amax(1) @ weight.abs().T).double()
     bound = 2**-7 * terms if units else 2**-12 * largest.abs() + 1e-4
-    assert (index // 1000 == torch.arange(4)[:, None]).all()
+    assert ((index >= 0) & (index < 1000)).all()
     assert (found <= largest + 1e-12).all()
     assert (largest - found <= bound).all()
     assert (found == largest).double().mean() > (0.7 if units else 0.99)

@@ -9,15 +9,20 @@ import torch
 from safetensors.torch import load_file, save_file
 
 import eigenbench
+from eigenbench.baselines.fitting import fitted
 from eigenbench.baselines.models import load_model
 from eigenbench.baselines.run_folder import CHECKPOINT
-from eigenbench.baselines.training import Schedule, train
+from eigenbench.baselines.schedule import PAPER, Schedule
+from eigenbench.baselines.training import train
 from eigenbench.cli import app
 from eigenbench.errors import DataError, ModelError, UsageError
+from eigenbench.frozen_subsets import nested_subset
+from eigenbench.learning import DataEfficiency
+from eigenbench.subset_split import write_subset
 from eigenbench.tasks import TASKS
 from eigenbench.validation_pairs import split_rows
 
-SHORT = Schedule(epochs=2, batches=3, batch_size=4)
+SHORT = Schedule(epochs=2, batches=3, batch_size=4, points=16)
 
 
 @pytest.fixture(scope="module")
@@ -65,19 +70,79 @@ def test_finished_run_is_not_trained_again(small, trained):
 
 
 @pytest.mark.parametrize("model", ["implicit", "direct", "grounded"])
-def test_run_folder_is_a_submission(small, trained, test_split, tmp_path, model):
+def test_run_folder_is_a_submission(small, few, trained, tmp_path, model):
     """Evaluated in isolation, each model passes the checks, and its run says what its own weights say."""
     run = trained if model == "implicit" else train(model, "tube", small, tmp_path / model, SHORT)
-    done = eigenbench.evaluate(run / "model.py", test_split, tmp_path / "evaluation")
-    dataset = eigenbench.load(test_split)
-    batch = dataset.read(range(50))
+    done = eigenbench.evaluate(run / "model.py", few, tmp_path / "evaluation", report=False)
+    batch = eigenbench.load(few).read(range(50))
     env, obj = (torch.from_numpy(batch[f"{side}_points"]) for side in ("env", "obj"))
     found = load_model(run / "model.safetensors", TASKS["tube"]).predict(env, obj)
     with np.load(done.folder / "predictions.npz") as stored:
         for name in ("probability", "env_lengths", "vectors", "planes"):
             assert (name in stored) == (name in found)
             if name in found:
-                assert np.allclose(stored[name][:50], found[name].numpy(), rtol=1e-4, atol=1e-5)
+                assert np.allclose(stored[name], found[name].numpy(), rtol=1e-4, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def few(test_split, tmp_path_factory):
+    """Return a split of the first fifty test pairs."""
+    folder = tmp_path_factory.mktemp("few") / "test"
+    write_subset(eigenbench.load(test_split), np.arange(50), folder)
+    return folder
+
+
+def test_run_is_fitted_anew_for_data_efficiency(small, few, trained, tmp_path):
+    """On a subset a fresh model is trained by the run's schedule, in isolation: what `fitted` gives here."""
+    asked = DataEfficiency(small / "tube" / "train", (60,))
+    done = eigenbench.evaluate(
+        trained / "model.py", few, tmp_path / "run", data_efficiency=asked, report=False, checks=False
+    )
+    section = done.result["data_efficiency"]
+    assert section["provided"]
+    assert [size["pairs"] for size in section["sizes"]] == [60]
+    train_split = eigenbench.load(small / "tube" / "train")
+    rows = nested_subset("tube", 0, train_split.column("pair_id"), 60)
+    write_subset(train_split, rows, tmp_path / "train")
+    net = fitted("implicit", eigenbench.load(tmp_path / "train"), SHORT).eval()
+    batch = eigenbench.load(few).read(range(50))
+    with torch.inference_mode():
+        env = net.answer(*(torch.from_numpy(batch[f"{side}_points"]) for side in ("env", "obj")))["env_lengths"]
+    with np.load(done.folder / "subset-000000060-00.npz") as stored:
+        assert np.allclose(stored["env_lengths"], env.numpy(), rtol=1e-4, atol=1e-5)
+
+
+def test_fit_refuses_one_pair_and_names_divergence(small, tmp_path):
+    """A single pair has no batch norm; a diverging fit says so."""
+    train_split = eigenbench.load(small / "tube" / "train")
+    for count, schedule, error in (
+        (1, SHORT, "needs two"),
+        (8, replace(SHORT, batches=50, learning_rate=1e38, averaging=0.0), "8 pairs diverged"),
+    ):
+        write_subset(train_split, np.arange(count), tmp_path / str(count))
+        with pytest.raises((DataError, ModelError), match=error):
+            fitted("direct", eigenbench.load(tmp_path / str(count)), schedule)
+
+
+def test_too_little_memory_is_told(small, tmp_path, monkeypatch):
+    """Torch's own words for it become an error with the next step; the checkpoint stays."""
+
+    def no_room(*_):
+        msg = "[enforce fail] DefaultCPUAllocator: can't allocate memory"
+        raise RuntimeError(msg)
+
+    monkeypatch.setattr("eigenbench.baselines.implicit.Implicit.loss", no_room)
+    with pytest.raises(ModelError, match=r"Too little memory for batches of 4.*--batch-size, and --resume"):
+        train("implicit", "tube", small, tmp_path / "run", SHORT)
+
+
+def test_paper_schedule_trains_as_well(small, tmp_path):
+    """All points, no mean of the weights, no stretches: the same code, and resumed the same."""
+    schedule = replace(PAPER, epochs=1, batches=2, batch_size=2)
+    run = train("implicit", "tube", small, tmp_path / "run", schedule)
+    names = load_file(run / CHECKPOINT)
+    assert not any(name.startswith("mean.") for name in names)
+    train("implicit", "tube", small, run, schedule, resume=True)
 
 
 def test_validation_shares_no_shape_with_training(every_task):
@@ -96,7 +161,7 @@ def test_validation_shares_no_shape_with_training(every_task):
 def test_command_trains(small, tmp_path):
     """`eigenbench train` runs, prints epochs, and writes the run folder."""
     out = tmp_path / "run"
-    options = ["--epochs", "1", "--batches", "2", "--batch-size", "4", "--out", str(out), "--json"]
+    options = ["--epochs", "1", "--batches", "2", "--batch-size", "4", "--points", "16", "--out", str(out), "--json"]
     app(["train", "--model", "direct", "--task", "tube", "--data", str(small), *options], standalone_mode=False)
     assert {p.name for p in out.iterdir()} == {"model.py", "model.safetensors", "train.json", CHECKPOINT}
 
@@ -145,6 +210,10 @@ def test_bad_checkpoints_are_told(trained, tmp_path):
     save_file(weights, path, {"task": "tube"})
     with pytest.raises(ModelError, match="known: implicit, direct, grounded"):
         load_model(path, TASKS["tube"])
+    for told in ("{", '{"points": 5000}', '{"pace": 1}'):
+        save_file(weights, path, {"task": "tube", "model": "implicit", "schedule": told})
+        with pytest.raises(ModelError, match="name a schedule that cannot be read"):
+            load_model(path, TASKS["tube"])
     path.write_bytes((trained / "model.safetensors").read_bytes()[:5000])
     with pytest.raises(ModelError, match="cannot be read"):
         load_model(path, TASKS["tube"])

@@ -1,0 +1,7 @@
+"""ANSWERS the benchmark: the paper's experiments, one command each, and the table of what came of them.
+
+Comes in: train and test splits as `generate` writes them. Goes out: trained run folders and their evaluations, a small
+JSON file a row, docs/results.md.
+`python -m eigenbench.baselines.experiments list` names the rows. Read row.py first, then trained.py, efficiency.py and
+ceilings.py; table.py puts the rows beside the paper's values.
+"""

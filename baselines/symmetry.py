@@ -1,0 +1,28 @@
+"""What may be done to both clouds of a pair at once without changing its label: mirrors and stretches.
+
+An object is moved by translations alone and must not touch; a map of all space that keeps straight lines straight and
+parallels parallel keeps both. Mirrors of x and y keep up and down as well. Stretches along the three axes also keep
+boxes boxes and floors level, so they suit every task that asks about boxes and outlines; round lengths and turned
+scenes stay what they are only if all axes are stretched alike.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenbench.tasks import TaskSpec
+
+
+def stretches_axes(task: TaskSpec) -> bool:
+    """Say whether the axes may be stretched by different factors: nothing is turned, no length is round."""
+    return not task.rotated and None not in task.axes
+
+
+def drawn_factors(task: TaskSpec, count: int, stretch: float, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return (count, 1, 3): what to multiply both clouds of each pair by.
+
+    Sizes are log-uniform from e^-stretch to e^stretch, an axis each or all alike; signs of x and y are even chances.
+    """
+    axes = 3 if stretches_axes(task) else 1
+    size = np.exp(rng.uniform(-stretch, stretch, (count, 1, axes)))
+    sign = np.concatenate([rng.choice((-1.0, 1.0), (count, 1, 2)), np.ones((count, 1, 1))], axis=2)
+    return (size * sign).astype(np.float32)

@@ -1,0 +1,71 @@
+"""The experiments: every row can be run and gone on with, the table shows what is there and nothing else."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+import eigenbench
+from eigenbench.baselines.experiments import ceilings, trained
+from eigenbench.baselines.experiments.registry import ROWS
+from eigenbench.baselines.experiments.row import Place, read_rows, rounded, write_row
+from eigenbench.baselines.experiments.table import table
+from eigenbench.baselines.schedule import Schedule
+from eigenbench.errors import DataError
+
+
+@pytest.fixture(scope="module")
+def place(small, tmp_path_factory):
+    """Return the small data set and a folder for runs."""
+    return Place(small, tmp_path_factory.mktemp("runs"), quick=True)
+
+
+@pytest.fixture(autouse=True)
+def few_batches(monkeypatch):
+    """Train for a moment only."""
+    short = replace(Schedule(), epochs=1, batches=2, batch_size=4, points=16)
+    monkeypatch.setattr(trained, "schedule_of", lambda *_: short)
+
+
+def test_oracle_is_right_and_its_lengths_are_the_true_ones(place, tmp_path):
+    """The ceiling: every decision of a ruled task, R2 of 1 on both sides, angles of 0."""
+    path = write_row(ROWS["f-oracle-tube"], place, tmp_path)
+    row = json.loads(path.read_text())
+    assert row["accuracy"]["value"] == row["clear_accuracy"]["value"] == 1.0
+    for one in row["lengths"].values():
+        assert one["env_r2"]["value"] == one["obj_r2"]["value"] == 1.0
+        assert 0 < one["env_log_r2"]["value"] < 1
+    assert row["angles"] == {"width": {"value": 0.0, "low": 0.0, "high": 0.0}} | {"height": row["angles"]["height"]}
+
+
+def test_bounding_box_row_has_the_scores_of_its_run(place, monkeypatch):
+    """A row repeats what the evaluation says, and a second call evaluates nothing."""
+    row = ceilings.bounding_box("tube", place)
+    result = json.loads((place.runs / "f-box-tube" / "result.json").read_text())
+    assert row["accuracy"] == result["scores"]["accuracy"]
+    assert row["slot_use"] == result["scores"]["lengths"]["slot_use"]
+    monkeypatch.setattr("eigenbench.baselines.experiments.summary.evaluate", lambda *_, **__: pytest.fail("again"))
+    assert ceilings.bounding_box("tube", place) == row
+
+
+def test_trained_row_and_its_line_of_the_table(place, tmp_path):
+    """A model is trained, evaluated, and shown beside the words of the paper."""
+    write_row(ROWS["a-grounded-tube"], place, tmp_path)
+    row = read_rows(tmp_path)["a-grounded-tube"]
+    assert row["quick"]
+    assert row["pairs"] == len(eigenbench.load(place.split("tube", "test")))
+    assert set(row["angles"]) == {"width", "height"}
+    shown = table(read_rows(tmp_path))
+    assert "| tube | grounded |" in shown
+    assert "not published" in shown
+    assert "Data efficiency" not in shown
+
+
+def test_missing_data_names_the_command(place):
+    """A split that is not there is told with the command that makes it."""
+    with pytest.raises(DataError, match="eigenbench generate --task fit --pairs 2000"):
+        ROWS["a-direct-fit"].make(place)
+
+
+def test_numbers_are_rounded_everywhere():
+    assert rounded({"a": [0.1234567, {"b": (1, "x", None, True)}]}) == {"a": [0.12346, {"b": [1, "x", None, True]}]}
