@@ -121,13 +121,13 @@ def thinned(clouds: NDArray[Any], count: int, rng: np.random.Generator) -> NDArr
     return clouds if count >= held else clouds[:, rng.choice(held, count, replace=False)]
 
 
-@torch.no_grad()
 def follow(mean: Any, net: Any, decay: float) -> None:
     """Move the mean of the weights towards the present ones; batch norm's statistics are means already: copy them."""
-    for old, new in zip(mean.parameters(), net.parameters(), strict=True):
-        old.lerp_(new, 1 - decay)
-    for old, new in zip(mean.buffers(), net.buffers(), strict=True):
-        old.copy_(new)
+    with torch.no_grad():
+        for old, new in zip(mean.parameters(), net.parameters(), strict=True):
+            old.lerp_(new, 1 - decay)
+        for old, new in zip(mean.buffers(), net.buffers(), strict=True):
+            old.copy_(new)
 
 
 @contextmanager
