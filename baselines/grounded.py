@@ -45,8 +45,8 @@ class WeightNet(nn.Module):
         mixed = functional.leaky_relu(self.norm(mixed.view(batch * count, -1)), SLOPE)
         shared = self.shared(mixed)
         hidden = folded_layer(self.hidden, shared) if self.backbone.form == "fast" else self.hidden(shared)
-        hidden = hidden.view(batch, count, *self.output.shape)
-        return torch.softmax(torch.einsum("bnsh,sh->bsn", hidden, self.output), 2)
+        heads = hidden @ torch.block_diag(*self.output[:, None]).t()  # each head reads its own hidden channels
+        return torch.softmax(heads.view(batch, count, -1).transpose(1, 2), 2)
 
 
 class Grounded(nn.Module):

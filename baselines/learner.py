@@ -127,13 +127,12 @@ def thinned(clouds: NDArray[Any], count: int, rng: np.random.Generator) -> NDArr
     return clouds if count >= held else clouds[:, rng.choice(held, count, replace=False)]
 
 
-@torch.no_grad()
 def follow(mean: Any, net: Any, decay: float) -> None:
-    """Move the mean of the weights, and of the running statistics, towards the present ones."""
-    for old, new in zip(mean.state_dict().values(), net.state_dict().values(), strict=True):
-        if old.is_floating_point():
+    """Move the mean of the weights towards the present ones; batch norm's statistics are means already: copy them."""
+    with torch.no_grad():
+        for old, new in zip(mean.parameters(), net.parameters(), strict=True):
             old.lerp_(new, 1 - decay)
-        else:
+        for old, new in zip(mean.buffers(), net.buffers(), strict=True):
             old.copy_(new)
 
 

@@ -152,7 +152,7 @@ class ProductsAt(torch.autograd.Function):
         return found
 
     @staticmethod
-    def backward(ctx: torch.autograd.function.FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor, None]:  # type: ignore[override]
+    def backward(ctx: torch.autograd.function.FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor, None]:
         """Return the gradients of points and weight."""
         points, weight, index = ctx.saved_tensors
         of_points, of_weight = torch.zeros_like(points), torch.zeros_like(weight)

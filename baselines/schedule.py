@@ -27,8 +27,8 @@ class Schedule:
     learning_rate : Adam's largest
     fall : "cosine" rises in the first fiftieth of the run and falls to 0 at its end; "halving" halves every tenth
     points : points of each cloud that a batch sees, drawn anew for each
-    whole : last share of the run in which it sees all points, so that what is averaged over points and clouds is of
-        clouds as they come
+    whole : last share of the run in which it sees all points, so that batch norm's statistics are of clouds as they
+        come: maxima over more points are larger
     averaging : decay a batch of the mean of the weights that is tested and kept; 0 keeps the last weights
     seed : of the first weights, the pairs' order and the points drawn
     form : of the backbone, "fast" or "plain"
@@ -45,7 +45,7 @@ class Schedule:
     learning_rate: float = 1e-3
     fall: str = "cosine"
     points: int = 128
-    whole: float = 0.05
+    whole: float = 0.02
     averaging: float = 0.995
     stretch: float = 0.3
     tau_speed: float = 10.0

@@ -25,4 +25,5 @@ def drawn_factors(task: TaskSpec, count: int, stretch: float, rng: np.random.Gen
     axes = 3 if stretches_axes(task) else 1
     size = np.exp(rng.uniform(-stretch, stretch, (count, 1, axes)))
     sign = np.concatenate([rng.choice((-1.0, 1.0), (count, 1, 2)), np.ones((count, 1, 1))], axis=2)
-    return (size * sign).astype(np.float32)
+    factors: NDArray[np.float32] = (size * sign).astype(np.float32)
+    return factors

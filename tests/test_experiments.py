@@ -63,7 +63,7 @@ def test_trained_row_and_its_line_of_the_table(place, tmp_path):
 
 def test_missing_data_names_the_command(place):
     """A split that is not there is told with the command that makes it."""
-    with pytest.raises(DataError, match="eigenbench generate --task fit --pairs 2000"):
+    with pytest.raises(DataError, match="eigenbench generate --task fit --pairs 1000"):
         ROWS["a-direct-fit"].make(place)
 
 

@@ -63,7 +63,7 @@ def test_schedules():
     assert rates[0] < 1e-4
     assert rates[-1] < 1e-8
     assert np.argmax(rates) < 50
-    assert [ours.points_at(step, 1000) for step in (0, 949, 950, 999)] == [128, 128, 1024, 1024]
+    assert [ours.points_at(step, 1000) for step in (0, 979, 980, 999)] == [128, 128, 1024, 1024]
     assert [PAPER.rate(step, 1000) for step in (0, 99, 100, 999)] == [1e-3, 1e-3, 5e-4, 1e-3 / 2**9]
     assert PAPER.points_at(0, 1000) == 1024
     assert changed("paper", epochs=None, seed=3) == replace(PAPER, seed=3)

@@ -15,6 +15,8 @@ from eigenbench.errors import EigenbenchError, choose, printable
 from eigenbench.shards import write_text_atomically
 
 RESULTS = Path("docs") / "results"
+NOTES = "notes.md"
+"""What is written by hand about the rows, beside them: it goes into the document before the tables."""
 
 
 def main(
@@ -37,7 +39,9 @@ def main(
         return
     if row == "table":
         path = folder.with_suffix(".md")
-        write_text_atomically(path, table(read_rows(folder / "rows")))
+        notes = folder / NOTES
+        told = notes.read_text(encoding="utf-8") if notes.is_file() else ""
+        write_text_atomically(path, table(read_rows(folder / "rows"), told))
         print(f"table: {path}")
         return
     place_runs = runs / "quick" if quick else runs

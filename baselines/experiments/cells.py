@@ -12,8 +12,10 @@ def number(score: Mapping[str, float | None] | None, times: float = 1.0, digits:
     """Return a score with its interval, "-" where there is none."""
     if score is None or score["value"] is None:
         return "-"
-    value, low, high = (times * (score[name] or 0.0) for name in ("value", "low", "high"))
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    value, low, high = (score[name] for name in ("value", "low", "high"))
+    if low is None or high is None:
+        return f"{times * value:.{digits}f} [no interval]"
+    return f"{times * value:.{digits}f} [{times * low:.{digits}f}, {times * high:.{digits}f}]"
 
 
 def lines_of(title: str, text: str, columns: Sequence[str], cells: Iterable[Sequence[str]]) -> list[str]:

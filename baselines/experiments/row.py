@@ -36,7 +36,7 @@ class Place:
         """Return the folder of a split; DataError with the command that makes it."""
         folder = self.data / task / split
         if not (folder / MANIFEST).is_file():
-            pairs = " --pairs 2000" if self.quick else ""
+            pairs = " --pairs 1000" if self.quick else ""
             msg = f"{folder} holds no split. Make it with `eigenbench generate --task {task}{pairs} --out {self.data}`."
             raise DataError(msg)
         return folder

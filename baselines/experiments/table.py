@@ -18,10 +18,10 @@ task, and R2 in figures alone: those are "not published" here.
 """
 
 
-def table(rows: Rows) -> str:
-    """Return the document."""
+def table(rows: Rows, notes: str = "") -> str:
+    """Return the document: what it is, what was written about it by hand, the tables."""
     sections = (_accuracies(rows), _lengths(rows), _efficiency(rows), *new_tasks(rows))
-    return "\n".join([_HEAD, *("\n".join(lines) + "\n" for lines in sections if lines)])
+    return "\n".join([_HEAD, *filter(None, [notes]), *("\n".join(lines) + "\n" for lines in sections if lines)])
 
 
 def _part(rows: Rows, *parts: str) -> list[Result]:

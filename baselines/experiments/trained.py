@@ -24,7 +24,7 @@ def schedule_of(task: str, quick: bool) -> Schedule:
     """Return how a row is trained."""
     base = Schedule()
     if quick:
-        return replace(base, epochs=1, batches=40)
+        return replace(base, epochs=1, batches=25)
     return replace(base, epochs=EPOCHS.get(task, EASY_EPOCHS))
 
 
