@@ -10,9 +10,11 @@ def percent(score: Mapping[str, float | None] | None) -> str:
 
 def number(score: Mapping[str, float | None] | None, times: float = 1.0, digits: int = 3) -> str:
     """Return a score with its interval, "-" where there is none."""
-    if score is None or score["value"] is None:
+    if score is None:
         return "-"
-    value, low, high = (score[name] for name in ("value", "low", "high"))
+    value, low, high = score["value"], score["low"], score["high"]
+    if value is None:
+        return "-"
     if low is None or high is None:
         return f"{times * value:.{digits}f} [no interval]"
     return f"{times * value:.{digits}f} [{times * low:.{digits}f}, {times * high:.{digits}f}]"

@@ -14,7 +14,7 @@ def turned(task: str, place: Place) -> Result:
     """Train Grounded on turned scenes, evaluate, and add the relative rotation error by each rule.
 
     `rotation_degrees` is that of the matching with the least residual: the paper takes the least-squares rotation over
-    all matchings, and no other rule is without knowledge of the truth.
+    all matchings. The table shows the other rules too.
     """
     found = trained("grounded", task, place, "d")
     result = place.runs / f"d-grounded-{task}" / "evaluation" / RESULT
