@@ -3,7 +3,8 @@
 Comes in: a train split. Goes out: a run folder that is itself a submission.
 Read pointnet.py (the backbone) and layers.py first, then direct.py, implicit.py, grounded.py; models.py names them and
 reads them back; training.py trains, settling.py and run_folder.py are its beginning and its disk, schedule.py and
-symmetry.py say for how long and on what; learner.py and fitting.py train without a disk. masked.py is the multi-task setting,
-suite.py its pairs, scratch.py Direct on a new task alone; navigation.py drives a robot by any model. experiments/ runs them.
+symmetry.py say for how long and on what; learner.py and fitting.py train without a disk. masked.py is the multi-task
+setting, suite.py its pairs, scratch.py Direct on a new task alone; navigation.py drives a robot by any model.
+experiments/ runs them all.
 `examples/` holds models that need no training.
 """
