@@ -97,9 +97,9 @@ def _write(path: Path, file: str, arrays: Arrays, about: dict[str, Any], synced:
 
 
 def sync_shard(paths: Iterable[Path]) -> None:
-    """Wait until the files of a shard are on the disk; where that fails they are removed: GenerationError."""
+    """Wait until a shard's files and their names are on the disk; GenerationError if not, and they are removed."""
     files = list(paths)
-    for path in files:
+    for path in (*files, *{file.parent for file in files}):
         try:
             sync(path)
         except OSError as error:

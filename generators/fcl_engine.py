@@ -21,6 +21,8 @@ Model: TypeAlias = fcl.CollisionGeometry
 
 _BATCH = 64
 """Most placements that are asked about together whether they are inside."""
+_FACED = 512
+"""Triangles whose boxes are held against all others at once."""
 _IDENTITY = np.eye(3)
 _REQUEST = fcl.CollisionRequest()
 _SIGNS = np.array(list(product((-1, 0, 1), repeat=3)), dtype=np.float64)
@@ -81,19 +83,25 @@ def _by_diagonals(triangles: Points, points: Points) -> Flags:
 
 
 def _by_planes(triangles: Points, points: Points) -> Flags:
+    # The normal of a needle is noise, but what an axis separates is apart whichever axis it is.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    above = points @ normal.T - np.einsum("ij,ij->i", normal, triangles[:, 0])
+    own, theirs = np.einsum("ik,ijk->ij", normal, triangles), points @ normal.T
     room = _room(points) * np.abs(normal).sum(axis=1)
-    return np.asarray((above.min(axis=0) > room) | (above.max(axis=0) < -room))
+    return np.asarray((theirs.min(axis=0) > own.max(axis=1) + room) | (theirs.max(axis=0) < own.min(axis=1) - room))
 
 
 def facing(triangles: Points, others: Points) -> Flags:
     """Mark the triangles (n, 3, 3) whose boxes meet that of one of the others (m, 3, 3); no other touches one."""
-    own, theirs, met = limits_of(triangles), limits_of(others), np.ones((len(triangles), len(others)), dtype=np.bool_)
-    room = _room(triangles)
-    for lowest, highest, low, high in zip(*own, *theirs, strict=True):
-        met &= (highest[:, None] >= low - room) & (lowest[:, None] <= high + room)
-    return np.asarray(met.any(axis=1))
+    own, theirs, room = limits_of(triangles), limits_of(others), _room(triangles)
+    lowest, highest = theirs.lowest - room, theirs.highest + room
+    ends = lowest.min(axis=1, keepdims=True), highest.max(axis=1, keepdims=True)
+    met: Flags = np.all((own.highest >= ends[0]) & (own.lowest <= ends[1]), axis=0)
+    found = np.flatnonzero(met)
+    for start in range(0, len(found), _FACED):
+        here = found[start : start + _FACED]
+        apart = (own.highest[:, here, None] < lowest[:, None]) | (own.lowest[:, here, None] > highest[:, None])
+        met[here] = ~np.all(apart.any(axis=0), axis=1)
+    return met
 
 
 def _room(points: Points) -> float:

@@ -1,4 +1,4 @@
-"""Where the shards of a split go: a folder, or an address that fsspec understands. The only module that knows fsspec.
+"""Where the shards of a split go: a folder, or an address that fsspec understands. The only one that writes by fsspec.
 
 Both keep the same promise: a file appears whole or not at all, and one that is there with the right content stays.
 """

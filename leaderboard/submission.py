@@ -16,6 +16,8 @@ from eigenbench.leaderboard.records import MAX_SEEDS, check_body, sha256
 from eigenbench.leaderboard.standing import Entry, entries_of
 from eigenbench.results import RESULT, RESULT_VERSION, Run, load_run, read_run
 
+_BINDING = ("honesty", "after the run")
+"""Words in the names of the checks that a run must not have failed."""
 _ISOLATION = ("none", "rlimits", "landlock", "bubblewrap")
 
 
@@ -56,7 +58,8 @@ def submit(
 
     Raises
     ------
-    DataError : a run was changed, is on other data than the board's, or has the answers of an earlier entry
+    DataError : a run was changed, is on other data than the board's, failed a check of honesty, or has an earlier
+        entry's answers
     UsageError : runs of one task are of different models or equal, or what is told of the model is no good
     """
     links = read_chain(board)
@@ -126,7 +129,21 @@ def _read(folder: Path, key: AnswerKey, split: Path, board: dict[str, Any]) -> R
             "more of where the run comes from. Evaluate the model again."
         )
         raise DataError(msg)
+    _require_honest(folder, run)
     return run
+
+
+def _require_honest(folder: Path, run: Run) -> None:
+    """Refuse a run without checks, and one whose lengths are not told alike beside other partners."""
+    checks = run.result.get("checks")
+    if not checks:
+        msg = f"{folder} has no checks; evaluate the model again without --no-checks."
+        raise DataError(msg)
+    failed = [c for c in checks if c["passed"] is False and any(word in c["name"] for word in _BINDING)]
+    if failed:
+        told = "; ".join(f"{check['name']}: {check['seen']}" for check in failed)
+        msg = f"{folder} did not pass what a board asks of lengths: {told}. See `eigenbench check`."
+        raise DataError(msg)
 
 
 def _entry(group: _Checked, key: AnswerKey, about: About, links: list[Link]) -> tuple[dict[str, Any], dict[str, bytes]]:

@@ -63,6 +63,7 @@ def make_run(folder: Path, split: Path, predictions: Predictions, **changes: Any
         "hardware": {"machine": "x86_64", "cpu": "a processor", "cores": 2},
         "python": "3.11",
         "seconds": {"model": 1.5, "harness": 0.5},
+        "checks": [{"name": "honesty: lengths", "passed": True, "seen": ""}],
         "scores": score_predictions(predictions, Truth.of(dataset)),
     }
     write_run(folder, predictions, dataset.column("pair_id"), result | changes)

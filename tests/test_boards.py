@@ -105,6 +105,28 @@ def test_what_is_told_of_a_model_is_checked(board, board_data, board_runs, about
         submit([board_runs["seed-0"]], board, about, [board_data])
 
 
+@pytest.mark.parametrize(
+    ("checks", "said"),
+    [
+        (None, "has no checks; evaluate the model again without --no-checks"),
+        ([], "has no checks"),
+        ([("honesty: an environment's lengths", False)], "asks of lengths: honesty: an environment's lengths: 50.8%"),
+        ([("order", True), ("after the run: a fresh process", False)], "after the run: a fresh process: 50.8%"),
+        ([("batch size: one pair at a time", False), ("honesty: an object's lengths", None)], None),
+    ],
+)
+def test_runs_that_failed_a_check_of_honesty_do_not_get_in(board, board_data, tmp_path, checks, said):
+    """Lengths that move with the partner are a decision in disguise; a check that does not apply is no failure."""
+    tube = board_data / "tube" / "test"
+    found = checks and [{"name": name, "passed": passed, "seen": "50.8%"} for name, passed in checks]
+    run = make_run(tmp_path / "run", tube, noisy(tube, 0.1, 7), checks=found)
+    if said is None:
+        assert submit([run], board, ABOUT, [board_data])
+        return
+    with pytest.raises(DataError, match=said):
+        submit([run], board, ABOUT, [board_data])
+
+
 def test_runs_of_other_data_do_not_get_in(board, board_data, tmp_path, board_runs):
     """Tiny runs, other data versions, tasks that the board is not about, old results: each named with both sides."""
     tiny = make_data(tmp_path / "tiny", "tube", pairs=30)

@@ -1,5 +1,6 @@
 """From recipe to folder: equal bytes for any worker count, after kills, and honest refusals."""
 
+import errno
 import json
 import os
 import signal
@@ -16,8 +17,9 @@ from material import write_shard
 from eigenbench.errors import DataError, EigenbenchError, GenerationError, ShapeError, UsageError
 from eigenbench.generators import generation, outputs, relabelling
 from eigenbench.generators.generation import FULL_SIZE, generate
+from eigenbench.generators.outputs import Folder
 from eigenbench.manifest import read_manifest
-from eigenbench.shard_format import shard_name
+from eigenbench.shard_format import PAIRS_PER_SHARD, shard_name
 from eigenbench.shards import read_shard
 from eigenbench.tasks import TASKS
 from eigenbench.verification import verify
@@ -267,7 +269,6 @@ def test_output_that_is_a_file(tmp_path):
 
 def test_a_full_disk_is_a_clear_error(tmp_path, monkeypatch):
     """No space left: one sentence, no half-written shard, and the next run goes on."""
-    import errno
 
     def full(*_args: object, **_options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -278,6 +279,54 @@ def test_a_full_disk_is_a_clear_error(tmp_path, monkeypatch):
             generate("tube", "test", 10, tmp_path, workers=1)
     assert not list((tmp_path / "tube" / "test").iterdir())
     generate("tube", "test", 10, tmp_path, workers=1)
+
+
+def test_the_manifest_comes_when_every_shard_is_on_the_disk(tmp_path, monkeypatch):
+    """Both files of each shard and their folder are synced, with the bytes that stay, before the manifest is written."""
+    synced: dict[Path, bytes] = {}
+    monkeypatch.setattr(
+        "eigenbench.shards.sync", lambda path: synced.update({path: path.read_bytes() if path.is_file() else b""})
+    )
+    written = []
+    original = Folder.finish
+
+    def finish(self, manifest):
+        written.append(dict(synced))
+        original(self, manifest)
+
+    monkeypatch.setattr(Folder, "finish", finish)
+    generate("tube", "test", PAIRS_PER_SHARD + 5, tmp_path, workers=1)
+    shards = sorted((tmp_path / "tube" / "test").glob("*.h5"))
+    assert len(shards) == 4
+    assert all(written[0][path] == path.read_bytes() for path in shards)
+    assert shards[0].parent in written[0]
+
+
+def test_a_shard_that_cannot_be_synced_is_removed(tmp_path, monkeypatch):
+    """An error of the disk that shows late: the shard's files go, no manifest is written, and the next run goes on."""
+
+    def torn(path: Path) -> None:
+        if path.name == "targets-00000.h5":
+            raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("eigenbench.shards.sync", torn)
+        with pytest.raises(GenerationError, match="Cannot write .*targets-00000.h5: .*Input/output error"):
+            generate("tube", "test", 10, tmp_path, workers=1)
+    assert not list((tmp_path / "tube" / "test").iterdir())
+    assert generate("tube", "test", 10, tmp_path, workers=1)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
+    """A read-only place is named in one sentence; nothing is left in it."""
+
+    def refuse(*_args: object, **_options: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("eigenbench.shards.h5py.File", refuse)
+    with pytest.raises(GenerationError, match="Cannot write .*: .*Read-only file system"):
+        generate("tube", "test", 10, tmp_path, workers=1)
+    assert not list((tmp_path / "tube" / "test").iterdir())
 
 
 def test_a_mismatch_fails_the_run(tmp_path, monkeypatch):
