@@ -189,7 +189,7 @@ def histogram(
 ) -> Html:
     """Return bars, the counts expected by chance as steps, and a marked value (the median)."""
     high = float(max(counts.max(), 1.0 if expected is None else expected.max())) * 1.08
-    frame = Frame(340, 210, (float(edges[0]), float(edges[-1])), (0.0, high), left=52)
+    frame = Frame(356, 210, (float(edges[0]), float(edges[-1])), (0.0, high), left=68)
     x_ticks = [(v, f"{v:g}") for v in nice_ticks(float(edges[0]), float(edges[-1]), 6)]
     y_ticks = [(v, f"{v:,.0f}") for v in nice_ticks(0, high, 4)]
     base = frame.height - frame.bottom
