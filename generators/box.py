@@ -9,7 +9,9 @@ import numpy as np
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, objects_only
 from eigenbench.generators.fcl_engine import Flags, Points, Sweep, mesh_model
+from eigenbench.generators.object_sizes import size_against
 from eigenbench.generators.pairs import (
+    OTHER_SIDES,
     SIDES,
     TRIED,
     Floats32,
@@ -29,7 +31,6 @@ from eigenbench.generators.pairs import (
     on_wall_grid,
     quaternion,
     settle,
-    size_object,
     spread,
     store,
     turn_object,
@@ -39,7 +40,7 @@ from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, blo
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 from eigenbench.tasks import faces_of
 
-SIDE = (0.075, 1.7)
+SIDE = (0.2, 0.8)
 """Width, length and height of a box, log-uniform, m."""
 OBJECT = (0.15, 1.2)
 """Diameter of an object under independent draws, log-uniform, m."""
@@ -67,6 +68,12 @@ def has(bits: int, axis: int, upper: int) -> bool:
 
 
 @kernel
+def side(key: Key, pair: int, attempt: int, index: int) -> float:
+    """Draw a width, a length or a height."""
+    return on_wall_grid(log_uniform(drawn(key, pair, attempt, index), SIDE[0], _LOG_SIDE))
+
+
+@kernel
 def draw(key: Key, pair: int, attempt: int, law: Law, tables: tuple[Surface, int], rows: Rows, row: int) -> bool:
     """Draw a pair: `sizes` is width, length, height and the faces. False if it lies too near its boundary."""
     objects, bits = tables
@@ -74,14 +81,18 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: tuple[Surface, int
     sizes[_FACES] = bits
     turn_scene(key, pair, attempt, law, rows, row)
     box = box_of(turn_object(key, pair, attempt, objects, rows, row))
-    critical, longest = np.inf, 0.0
+    critical, other, longest = np.inf, np.inf, 0.0
     for axis in range(3):
-        sizes[axis] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + axis), SIDE[0], _LOG_SIDE))
+        sizes[axis] = side(key, pair, attempt, SIDES + axis)
         longest = max(longest, sizes[axis])
         rows.binding[row, axis] = has(bits, axis, 0) and has(bits, axis, 1)
         if rows.binding[row, axis]:
-            critical = min(critical, sizes[axis] / (box[1, axis] - box[0, axis]))
-    size = size_object(key, pair, attempt, law, critical, OBJECT[0], _LOG_OBJECT, rows, row)
+            extent = box[1, axis] - box[0, axis]
+            critical = min(critical, sizes[axis] / extent)
+            other = min(other, side(key, pair, attempt, OTHER_SIDES + axis) / extent)
+    size = size_against(key, pair, attempt, law, critical, other, OBJECT[0], _LOG_OBJECT, rows, row)
+    if size == 0.0:
+        return False
     for axis in range(3):
         extent = size * (box[1, axis] - box[0, axis])
         measure_along(rows, row, axis, axis, -0.5 * sizes[axis], 0.5 * sizes[axis], extent)

@@ -4,7 +4,7 @@ Only translations differ between the candidates of a pair, so the triangles are 
 frame once, where its tree of axis-aligned boxes is. A contact found for one candidate holds for every other one
 in the same polytope of translations (see `contacts`), so most candidates of an object that does not fit are
 settled by a few contacts found before. Surfaces are hollow and closed, as in FCL: touching counts, and an
-object inside a solid touches nothing; `inside_solid` tells.
+object inside a solid touches nothing; `enclosure.inside_solid` tells.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from eigenbench.generators.compiled import kernel, leaf, referable
 from eigenbench.generators.contacts import SLABS, Floats, Vector, contact, cross, dot, edges, new_slabs, reach
-from eigenbench.generators.lattice import crossing, vote
 from eigenbench.generators.trees import Indices, Integers, Trees
 
 HINTS = 256
@@ -329,104 +328,3 @@ def _misses(boxes: NDArray[np.float32], node: int, sides: Floats, b: int, u: Vec
         if abs(at) > sides[b, k, 7] + sides[b, k, 3] * hx + sides[b, k, 4] * hy + sides[b, k, 5] * hz:
             return True
     return False
-
-
-@kernel
-def reaching_in(triangles: Floats, low: Floats, high: Floats, tolerance: float) -> Integers:
-    """Return the indices of triangles that meet the open box shrunk by `tolerance` on every side, the largest first.
-
-    So walls and floors that coincide with the box's faces are left out. A sweep tries the triangles in this order:
-    the contacts of large ones hold for many candidates. Separating axes (Akenine-Möller, "Fast
-    3D triangle-box overlap testing", JGT 2001); a triangle that only touches the open box does not meet it.
-
-    Parameters
-    ----------
-    triangles : (F, 3, 3) rows of a corner and the two edges that leave it
-    low, high : (3,) corners of the box, in the same frame
-    tolerance : in the same unit
-    """
-    found, count = np.zeros(len(triangles), dtype=np.int64), 0
-    area, centred, half = np.zeros(len(triangles)), np.zeros((1, 3, 3)), np.zeros(3)
-    for axis in range(3):
-        half[axis] = (high[axis] - low[axis]) / 2.0 - tolerance
-        if half[axis] <= 0.0:
-            return found[:0]
-    for f in range(len(triangles)):
-        for axis in range(3):
-            centred[0, 0, axis] = triangles[f, 0, axis] - (low[axis] + high[axis]) / 2.0
-            centred[0, 1, axis], centred[0, 2, axis] = triangles[f, 1, axis], triangles[f, 2, axis]
-        if _enters(centred, half):
-            e, g, _across = edges(centred, 0)
-            normal = cross(e, g)
-            found[count], area[count] = f, -dot(normal, normal)
-            count += 1
-    return found[:count][np.argsort(area[:count], kind="mergesort")]
-
-
-@kernel
-def _enters(t: Floats, half: Floats) -> bool:
-    """Say whether triangle t[0] meets the open box of the given half-extents about the origin."""
-    for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        if not _overlaps(axis, t, half):
-            return False
-    e, f, g = edges(t, 0)
-    if not _overlaps(cross(e, f), t, half):
-        return False
-    for edge in (e, f, g):
-        for axis in ((0.0, edge[2], -edge[1]), (-edge[2], 0.0, edge[0]), (edge[1], -edge[0], 0.0)):
-            if not _overlaps(axis, t, half):
-                return False
-    return True
-
-
-@kernel
-def _overlaps(axis: Vector, t: Floats, half: Floats) -> bool:
-    """Say whether along an axis triangle t[0] meets the open box; a zero axis tells nothing."""
-    radius = abs(axis[0]) * half[0] + abs(axis[1]) * half[1] + abs(axis[2]) * half[2]
-    low, high = reach(axis, t, 0)
-    return bool(radius == 0.0 or (low < radius and high > -radius))
-
-
-@kernel
-def inside_solid(point: Floats, triangles: Floats) -> bool:
-    """Say whether a point (3,) off the surface lies in the solid that (F, 3, 3) triangles bound.
-
-    The rule is the one by which cavities are measured, see `lattice`: the lines through the point along x, y and z
-    vote by their signed crossings before and after it. For a closed surface all three agree, also where bodies
-    overlap; for an open or broken one the majority of those that agree with themselves decides.
-    """
-    corners = np.zeros((3, 3))
-    votes = _line_vote(point, triangles, 2, 0, 1, corners) + _line_vote(point, triangles, 0, 1, 2, corners)
-    if abs(votes) < 2:
-        votes += _line_vote(point, triangles, 1, 0, 2, corners)
-    return bool(votes > 0)
-
-
-@leaf
-def _line_vote(point: Floats, triangles: Floats, axis: int, b: int, c: int, corners: Floats) -> int:
-    """Return the vote of the line along an axis through a point; b and c are the two other axes, in order.
-
-    `corners` (3, 3) is overwritten.
-    """
-    before, after = 0, 0
-    pb, pc = point[b], point[c]
-    for f in range(len(triangles)):
-        corner, e, g = triangles[f, 0, b], triangles[f, 1, b], triangles[f, 2, b]
-        if pb < corner + min(0.0, e, g) or pb > corner + max(0.0, e, g):
-            continue
-        corner, e, g = triangles[f, 0, c], triangles[f, 1, c], triangles[f, 2, c]
-        if pc < corner + min(0.0, e, g) or pc > corner + max(0.0, e, g):
-            continue
-        for k in range(3):
-            corner = triangles[f, 0, k]
-            corners[0, k], corners[1, k], corners[2, k] = (
-                corner,
-                corner + triangles[f, 1, k],
-                corner + triangles[f, 2, k],
-            )
-        sign, at = crossing(corners, axis, b, c, pb, pc)
-        if at < point[axis]:
-            before += sign
-        else:
-            after += sign
-    return vote(before, after)

@@ -10,7 +10,9 @@ from eigenbench.generators.circles import enclosing_circle, unit_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_model, objects_only
 from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, mesh_model
+from eigenbench.generators.object_sizes import size_against
 from eigenbench.generators.pairs import (
+    OTHER_SIDES,
     SIDES,
     TRIED,
     Floats32,
@@ -31,7 +33,6 @@ from eigenbench.generators.pairs import (
     on_wall_grid,
     quaternion,
     settle,
-    size_object,
     spread,
     store,
     turn_object,
@@ -40,9 +41,9 @@ from eigenbench.generators.pairs import (
 from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 
-RADIUS = (0.05, 0.6)
+RADIUS = (0.1, 0.4)
 """Radius of a container, log-uniform, m."""
-HEIGHT = (0.1, 1.2)
+HEIGHT = (0.2, 0.8)
 """Height of a container, log-uniform, m."""
 OBJECT = (0.15, 1.2)
 """Diameter of an object under independent draws, log-uniform, m."""
@@ -55,17 +56,27 @@ _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 
 
 @kernel
+def container(key: Key, pair: int, attempt: int, index: int) -> tuple[float, float]:
+    """Draw radius and height."""
+    radius = log_uniform(drawn(key, pair, attempt, index), RADIUS[0], _LOG_RADIUS)
+    return on_wall_grid(radius), on_wall_grid(log_uniform(drawn(key, pair, attempt, index + 1), HEIGHT[0], _LOG_HEIGHT))
+
+
+@kernel
 def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Rows, row: int) -> bool:
     """Draw a pair: `sizes` is radius, height. False if it lies too near its boundary."""
     sizes = rows.sizes[row]
-    sizes[0] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES), RADIUS[0], _LOG_RADIUS))
-    sizes[1] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + 1), HEIGHT[0], _LOG_HEIGHT))
+    sizes[0], sizes[1] = container(key, pair, attempt, SIDES)
     turn_scene(key, pair, attempt, law, rows, row)
     hull = turn_object(key, pair, attempt, objects, rows, row)
     box = box_of(hull)
     z = box[1, 2] - box[0, 2]
     _x, _y, radius = enclosing_circle(hull, len(hull))
-    size = size_object(key, pair, attempt, law, min(sizes[0] / radius, sizes[1] / z), OBJECT[0], _LOG_OBJECT, rows, row)
+    other_radius, other_height = container(key, pair, attempt, OTHER_SIDES)
+    critical, other = min(sizes[0] / radius, sizes[1] / z), min(other_radius / radius, other_height / z)
+    size = size_against(key, pair, attempt, law, critical, other, OBJECT[0], _LOG_OBJECT, rows, row)
+    if size == 0.0:
+        return False
     measure_round(rows, row, 0, sizes[0], size * radius)
     measure_along(rows, row, 1, 2, -0.5 * sizes[1], 0.5 * sizes[1], size * z)
     return decide_by_lengths(rows, row, 2, max(2.0 * sizes[0], sizes[1]))

@@ -19,10 +19,10 @@ from eigenbench.generators.collision import Hints, new_hints
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Stock, Tables
 from eigenbench.generators.fit_fcl import confirm, reference
+from eigenbench.generators.object_sizes import NEAR, is_between, size_between, size_object
 from eigenbench.generators.pairs import (
     KEEP,
     LENGTH_0,
-    NEAR,
     NO_CANDIDATE,
     OTHER_SHAPE,
     OUTLINE,
@@ -33,15 +33,12 @@ from eigenbench.generators.pairs import (
     conclude,
     drawn,
     hull_in_scene,
-    is_between,
     is_clear,
     name_pair,
     on_length_grid,
     quaternion,
     scene_from_object,
     settle,
-    size_between,
-    size_object,
     turn_object,
     turn_scene,
 )
@@ -164,7 +161,7 @@ def label(
         if sweeps:
             free, here = swept_margin(key, pair, law, room, body, margin, found, tables, rows, row)
         elif here > 0.0 and not found:
-            free = 0 if law.guided else sampled_in_empty(key, pair, room, body, rows, row)
+            free = first_in_empty(key, pair, law, room, body, rows, row)
         if here > margin:
             best, margin, swept = c, here, sweeps
         if free >= 0 and not found:
@@ -229,11 +226,11 @@ def scene_of(c: int, tables: FitTables, rows: Rows, row: int) -> Scene:
 
 
 @kernel
-def sampled_in_empty(key: Key, pair: int, room: Room, body: Body, rows: Rows, row: int) -> int:
-    """Return the first sampled placement that lies inside an empty room, -1 if none does."""
+def first_in_empty(key: Key, pair: int, law: Law, room: Room, body: Body, rows: Rows, row: int) -> int:
+    """Return the first placement that lies inside an empty room, -1 if none does: a body can be too tight a fit."""
     places, indices = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
-    size, frame = rows.obj_scale[row], frame_of(rows, row)
-    count, _ = inside_at(key, pair, room.guided, room.end, room, body, size, frame, places, indices)
+    size, frame, begin = rows.obj_scale[row], frame_of(rows, row), 0 if law.guided else room.guided
+    count, _ = inside_at(key, pair, begin, room.end, room, body, size, frame, places, indices)
     return int(indices[0]) if count > 0 else -1
 
 

@@ -21,6 +21,7 @@ from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables
 from eigenbench.generators.fcl_engine import Faces, Flags, Points, Sweep, closed_prism, mesh_model, near, soup_model
+from eigenbench.generators.object_sizes import is_between, size_between, size_object
 from eigenbench.generators.pairs import (
     ENV_SHAPE,
     OTHER_SHAPE,
@@ -31,15 +32,12 @@ from eigenbench.generators.pairs import (
     Rows,
     conclude,
     decide_by_lengths,
-    is_between,
     lacking,
     measure_round,
     name_pair,
     on_length_grid,
     quaternion,
     settle,
-    size_between,
-    size_object,
     spread,
     store,
     turn_scene,

@@ -9,7 +9,9 @@ from scipy.spatial import ConvexHull
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, objects_only
 from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, closed_prism, mesh_model
+from eigenbench.generators.object_sizes import size_against
 from eigenbench.generators.pairs import (
+    OTHER_SIDES,
     SIDES,
     TRIED,
     Floats32,
@@ -29,7 +31,6 @@ from eigenbench.generators.pairs import (
     on_wall_grid,
     quaternion,
     settle,
-    size_object,
     spread,
     store,
     turn_object,
@@ -40,7 +41,7 @@ from eigenbench.generators.surface import Floats, Surface, matrix_of
 
 APART = 1.25
 """Distance of the two centres, m."""
-SECTION = (0.1, 1.2)
+SECTION = (0.2, 0.8)
 """Width and height of a tube, log-uniform, m; the widths' mean stays below APART."""
 LENGTH = (0.3, 1.0)
 """Length of both tubes, uniform, m."""
@@ -60,17 +61,33 @@ def centre_of(tube: int) -> float:
 
 
 @kernel
+def section(key: Key, pair: int, attempt: int, index: int) -> float:
+    """Draw a width or a height."""
+    return on_wall_grid(log_uniform(drawn(key, pair, attempt, index), SECTION[0], _LOG_SECTION))
+
+
+@kernel
+def held_by(sides: Floats, y: float, z: float) -> float:
+    """Return the size at which an object of extents y and z just fits one of two tubes, widths and heights (4,)."""
+    return max(min(sides[0] / y, sides[1] / z), min(sides[2] / y, sides[3] / z))
+
+
+@kernel
 def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Rows, row: int) -> bool:
     """Draw a pair: `sizes` is length, then width and height of either tube. False if too near its boundary."""
     sizes = rows.sizes[row]
     sizes[0] = on_wall_grid(LENGTH[0] + drawn(key, pair, attempt, SIDES) * (LENGTH[1] - LENGTH[0]))
-    for k in range(1, 5):
-        sizes[k] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + k), SECTION[0], _LOG_SECTION))
+    other = np.zeros(4)
+    for k in range(4):
+        sizes[1 + k] = section(key, pair, attempt, SIDES + 1 + k)
+        other[k] = section(key, pair, attempt, OTHER_SIDES + k)
     turn_scene(key, pair, attempt, law, rows, row)
     box = box_of(turn_object(key, pair, attempt, objects, rows, row))
     y, z = box[1, 1] - box[0, 1], box[1, 2] - box[0, 2]
-    critical = max(min(sizes[1] / y, sizes[2] / z), min(sizes[3] / y, sizes[4] / z))
-    size = size_object(key, pair, attempt, law, critical, OBJECT[0], _LOG_OBJECT, rows, row)
+    critical, against = held_by(sizes[1:5], y, z), held_by(other, y, z)
+    size = size_against(key, pair, attempt, law, critical, against, OBJECT[0], _LOG_OBJECT, rows, row)
+    if size == 0.0:
+        return False
     margin, decides = -np.inf, 0
     for tube in range(2):
         width, height, middle = sizes[1 + 2 * tube], sizes[2 + 2 * tube], centre_of(tube)

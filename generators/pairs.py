@@ -32,29 +32,15 @@ from eigenbench.generators.philox import (
 from eigenbench.generators.surface import Floats, Surface, matrix_of, round_cloud, rounded_quaternion
 from eigenbench.shard_format import CANDIDATES, CLOUD_BITS, LENGTH_BITS, MIN_MARGIN, REASONS
 
-RATIO_MAX = 1.5
-"""The object is drawn at the size at which it just fits, times a ratio between 1 / RATIO_MAX and RATIO_MAX."""
-NEAR = 0.1
-NEAR_SHARE = 0.13
-"""The ratio's logarithm lies within NEAR of 0 with this probability; it is uniform within and uniform without."""
-
-BETWEEN_SHARE = 0.6
-"""Share of the attempts at pairs of library environments in which a second one decides the object's size, see
-`size_between`: so that a probe of the object alone and one of the environment alone do about equally well."""
-NEAR_KEPT = 0.25
-"""Of such pairs within NEAR of 1, the share that is kept, so that there are about as many as by the ratio law."""
-
 FITS, LENGTH_0, NO_CANDIDATE, OUTLINE = (REASONS[k] for k in ("fits", "length_0", "no_candidate", "outline"))
 
-SHAPE, RATIO, SIDES, KEEP, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 20, 24, 32, 64, 512
-"""First index of each thing that an attempt draws: object, its size, the environment's sizes or shape, another's,
-rotations."""
+SHAPE, RATIO, SIDES, OTHER_SIDES, KEEP, ENV_SHAPE, OTHER_SHAPE, OBJ_TURN, SCENE_TURN = 0, 4, 8, 14, 20, 24, 32, 64, 512
+"""First index of each thing that an attempt draws: object, its size, the environment's sizes, another's, the
+environment's shape, another's, rotations."""
 _DRAWS_PER_ATTEMPT = 1024
 
 LENGTH = 2.0**LENGTH_BITS
 HALF_CLOUD = 2.0 ** (CLOUD_BITS - 1)
-_LOG_RATIO = float(np.log(RATIO_MAX))
-_NEAR_BELOW, _NEAR_ABOVE = float(np.exp(-NEAR)), float(np.exp(NEAR))
 
 Point = tuple[float, float, float]
 Floats32 = NDArray[np.float32]
@@ -222,54 +208,6 @@ def box_of(points: Floats) -> Floats:
             high = max(high, points[i, axis])
         box[0, axis], box[1, axis] = low, high
     return box
-
-
-@kernel
-def drawn_ratio(key: Key, pair: int, attempt: int) -> float:
-    """Return the object's size over the size at which it just fits."""
-    u, v = drawn(key, pair, attempt, RATIO), 2.0 * drawn(key, pair, attempt, RATIO + 1) - 1.0
-    if u < NEAR_SHARE:
-        return exponential(v * NEAR)
-    sign = 1.0 if v >= 0.0 else -1.0
-    return exponential(sign * (NEAR + abs(v) * (_LOG_RATIO - NEAR)))
-
-
-@kernel
-def size_object(
-    key: Key, pair: int, attempt: int, law: Law, critical: float, low: float, log_span: float, rows: Rows, row: int
-) -> float:
-    """Draw the object's size, given the size at which it just fits, and write it.
-
-    Under independent draws it is log-uniform from `low` to low * e^log_span, whatever the environment is.
-    """
-    if law.independent:
-        size = log_uniform(drawn(key, pair, attempt, RATIO), low, log_span)
-    else:
-        size = critical * drawn_ratio(key, pair, attempt)
-    rows.obj_scale[row] = on_length_grid(size)
-    return float(rows.obj_scale[row])
-
-
-@kernel
-def is_between(key: Key, pair: int, attempt: int, law: Law) -> bool:
-    """Say whether an attempt draws the object's size by `size_between`."""
-    return bool(not law.independent and drawn(key, pair, attempt, RATIO + 2) < BETWEEN_SHARE)
-
-
-@kernel
-def size_between(key: Key, pair: int, attempt: int, critical: float, other: float, rows: Rows, row: int) -> float:
-    """Write and return the geometric mean of the sizes at which the object just fits its environment and another one.
-
-    Both environments are drawn alike, so the object alone tells nothing about the label, however little the
-    environments differ in size; by the ratio law the environment alone tells nothing. A mixture keeps either probe low.
-    Returns 0 where the pair is to be drawn anew: beyond RATIO_MAX always, near 1 mostly.
-    """
-    ratio = np.sqrt(other / critical)
-    rows.obj_scale[row] = on_length_grid(critical * ratio)
-    if not 1.0 / RATIO_MAX < ratio < RATIO_MAX:
-        return 0.0
-    near = _NEAR_BELOW < ratio < _NEAR_ABOVE
-    return 0.0 if near and drawn(key, pair, attempt, RATIO + 3) >= NEAR_KEPT else float(rows.obj_scale[row])
 
 
 @kernel

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.circles import enclosing_circle
-from eigenbench.generators.collision import reaching_in
 from eigenbench.generators.compiled import kernel, leaf, referable
+from eigenbench.generators.intrusions import reaching_in
 from eigenbench.generators.library import Library
 from eigenbench.generators.pairs import TRIED, Point, Rows, measure_along, on_length_grid
 from eigenbench.generators.shapes import Cavity

@@ -12,7 +12,9 @@ from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, hull_faces, objects_only
 from eigenbench.generators.fcl_engine import Flags, Points, Sweep, mesh_model
+from eigenbench.generators.object_sizes import size_against
 from eigenbench.generators.pairs import (
+    OTHER_SIDES,
     SIDES,
     TRIED,
     Floats32,
@@ -32,7 +34,6 @@ from eigenbench.generators.pairs import (
     on_wall_grid,
     quaternion,
     settle,
-    size_object,
     spread,
     store,
     turn_object,
@@ -42,7 +43,7 @@ from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, blo
 from eigenbench.generators.primitives import icosphere
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 
-RADIUS = (0.05, 0.6)
+RADIUS = (0.1, 0.4)
 """Radius of a shell, log-uniform, m."""
 OBJECT = (0.1, 1.2)
 """Diameter of an object under independent draws, log-uniform, m."""
@@ -54,13 +55,21 @@ _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 
 
 @kernel
+def shell(key: Key, pair: int, attempt: int, index: int) -> float:
+    """Draw a radius."""
+    return on_wall_grid(log_uniform(drawn(key, pair, attempt, index), RADIUS[0], _LOG_RADIUS))
+
+
+@kernel
 def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Rows, row: int) -> bool:
     """Draw a pair: `sizes` is the radius. False if it lies too near its boundary."""
     sizes = rows.sizes[row]
-    sizes[0] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES), RADIUS[0], _LOG_RADIUS))
+    sizes[0], other = shell(key, pair, attempt, SIDES), shell(key, pair, attempt, OTHER_SIDES)
     turn_scene(key, pair, attempt, law, rows, row)
     turn_object(key, pair, attempt, objects, rows, row)
-    size = size_object(key, pair, attempt, law, 2.0 * sizes[0], OBJECT[0], _LOG_OBJECT, rows, row)
+    size = size_against(key, pair, attempt, law, 2.0 * sizes[0], 2.0 * other, OBJECT[0], _LOG_OBJECT, rows, row)
+    if size == 0.0:
+        return False
     measure_round(rows, row, 0, sizes[0], 0.5 * size)
     return decide_by_lengths(rows, row, 1, 2.0 * sizes[0])
 

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.generators.circles import unit_circle
-from eigenbench.generators.collision import Hints, first_free, inside_solid, resized, sweep_of
+from eigenbench.generators.collision import Hints, first_free, resized, sweep_of
 from eigenbench.generators.collision import Sweep as Contacts
 from eigenbench.generators.compiled import kernel, leaf
+from eigenbench.generators.enclosure import inside_solid
 from eigenbench.generators.pairs import Point, on_length_grid, spread
 from eigenbench.generators.philox import Key
 from eigenbench.generators.rooms import Body, Cavities, Room, across, is_within

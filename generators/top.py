@@ -20,6 +20,7 @@ from eigenbench.generators.choices import (
 from eigenbench.generators.compiled import kernel, referable
 from eigenbench.generators.family import Family, Pair, Stock, Tables, hull_model, object_model
 from eigenbench.generators.fcl_engine import Inside, Points, Sweep, belt, mesh_model
+from eigenbench.generators.object_sizes import is_between, size_between, size_object
 from eigenbench.generators.outlines import (
     are_inside,
     convex_hull,
@@ -41,15 +42,12 @@ from eigenbench.generators.pairs import (
     centre_object,
     conclude,
     hull_in_scene,
-    is_between,
     is_clear,
     lacking,
     measure_along,
     name_pair,
     scene_from_object,
     settle,
-    size_between,
-    size_object,
     spread,
     turn_object,
     turn_scene,

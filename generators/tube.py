@@ -10,7 +10,9 @@ from scipy.spatial import ConvexHull
 from eigenbench.generators.compiled import kernel
 from eigenbench.generators.family import Family, Pair, objects_only
 from eigenbench.generators.fcl_engine import Flags, Points, Sweep, belt, closed_prism, mesh_model
+from eigenbench.generators.object_sizes import size_against
 from eigenbench.generators.pairs import (
+    OTHER_SIDES,
     SIDES,
     TRIED,
     Floats32,
@@ -30,7 +32,6 @@ from eigenbench.generators.pairs import (
     on_wall_grid,
     quaternion,
     settle,
-    size_object,
     spread,
     store,
     turn_object,
@@ -39,8 +40,8 @@ from eigenbench.generators.pairs import (
 from eigenbench.generators.philox import BLOCK, ENV_SURFACE, Key, WordBlock, block_words, unit
 from eigenbench.generators.surface import Floats, Surface, matrix_of
 
-SECTION = (0.1, 1.2)
-"""Width and height of a tube, log-uniform, m: a factor of 12, so that a size alone says little."""
+SECTION = (0.2, 0.8)
+"""Width and height of a tube, log-uniform, m."""
 LENGTH = (0.3, 1.0)
 """Length of a tube, uniform, m."""
 OBJECT = (0.15, 1.2)
@@ -54,16 +55,25 @@ _LOG_OBJECT = float(np.log(OBJECT[1] / OBJECT[0]))
 
 
 @kernel
+def section(key: Key, pair: int, attempt: int, index: int) -> float:
+    """Draw a width or a height."""
+    return on_wall_grid(log_uniform(drawn(key, pair, attempt, index), SECTION[0], _LOG_SECTION))
+
+
+@kernel
 def draw(key: Key, pair: int, attempt: int, law: Law, objects: Surface, rows: Rows, row: int) -> bool:
     """Draw a pair: `sizes` is length, width, height. False if it lies too near its boundary."""
     sizes = rows.sizes[row]
     sizes[0] = on_wall_grid(LENGTH[0] + drawn(key, pair, attempt, SIDES) * (LENGTH[1] - LENGTH[0]))
-    sizes[1] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + 1), SECTION[0], _LOG_SECTION))
-    sizes[2] = on_wall_grid(log_uniform(drawn(key, pair, attempt, SIDES + 2), SECTION[0], _LOG_SECTION))
+    sizes[1], sizes[2] = section(key, pair, attempt, SIDES + 1), section(key, pair, attempt, SIDES + 2)
     turn_scene(key, pair, attempt, law, rows, row)
     box = box_of(turn_object(key, pair, attempt, objects, rows, row))
     y, z = box[1, 1] - box[0, 1], box[1, 2] - box[0, 2]
-    size = size_object(key, pair, attempt, law, min(sizes[1] / y, sizes[2] / z), OBJECT[0], _LOG_OBJECT, rows, row)
+    critical = min(sizes[1] / y, sizes[2] / z)
+    other = min(section(key, pair, attempt, OTHER_SIDES) / y, section(key, pair, attempt, OTHER_SIDES + 1) / z)
+    size = size_against(key, pair, attempt, law, critical, other, OBJECT[0], _LOG_OBJECT, rows, row)
+    if size == 0.0:
+        return False
     measure_along(rows, row, 0, 1, -0.5 * sizes[1], 0.5 * sizes[1], size * y)
     measure_along(rows, row, 1, 2, -0.5 * sizes[2], 0.5 * sizes[2], size * z)
     return decide_by_lengths(rows, row, 2, max(sizes[0], sizes[1], sizes[2]))

@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenbench.generators import fcl_engine
-from eigenbench.generators.collision import first_free, inside_solid, new_hints, reaching_in, sweep_of
+from eigenbench.generators.collision import first_free, new_hints, sweep_of
+from eigenbench.generators.enclosure import inside_solid
+from eigenbench.generators.intrusions import reaching_in
 from eigenbench.generators.library import load_library
 from eigenbench.generators.surface import matrix_of
 from eigenbench.generators.trees import build_trees

@@ -1,5 +1,7 @@
 """fit: closed forms in empty cavities, manifold3d at witnesses, FCL sweeps, what is buried, what is left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blocks import (
@@ -10,6 +12,7 @@ from blocks import (
     env_triangles,
     extents,
     in_scene,
+    maker_of,
     obj_in_scene,
     obj_triangles,
     stock_of,
@@ -17,6 +20,7 @@ from blocks import (
 from manifold3d import Manifold, Mesh64
 from scipy import stats
 
+from eigenbench.generators.building import build
 from eigenbench.generators.choices import choice_of, drawn_environment
 from eigenbench.generators.compiled import by_reference
 from eigenbench.generators.fit import left_out
@@ -226,3 +230,13 @@ def test_environments_are_chosen_by_category_first(task):
         within = np.array([(shapes == m).sum() for m in members])
         assert len(members) == 1 or stats.chisquare(within).pvalue > 1e-5
     assert stats.kstest(scales, stats.uniform(0.9, 0.2).cdf).pvalue > 1e-4
+
+
+def test_a_cavity_too_low_for_the_gap_holds_no_witness():
+    """A cavity with 15 um to spare, less than an object stands above its floor, is passed over for one with room."""
+    maker = maker_of("fit", "train")
+    tight = build(replace(maker, recipe=replace(maker.recipe, pairs=1_000_000)), 358_496, 1, clouds=False)
+    least = min(spare for cavity in cavities_of(tight, 0) if (spare := closed_margin(tight, 0, cavity)) > 0)
+    assert least < GAP / 2
+    assert tight.targets["label"][0]
+    assert contradictions(tight, [0]) == []

@@ -12,7 +12,7 @@ from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators import relabelling
 from eigenbench.generators.building import build
 from eigenbench.generators.generation import generate
-from eigenbench.generators.pairs import RATIO_MAX
+from eigenbench.generators.object_sizes import RATIO_MAX
 from eigenbench.generators.relabelling import label_by_fcl
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Recipe
