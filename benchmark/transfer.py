@@ -8,7 +8,8 @@ import errno
 import io
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 
@@ -68,12 +69,17 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Fetcher:
-    """How files are brought: from where, how patient, who is told of arriving bytes, who may stop it."""
+    """How files are brought: from where, how patient, who is told of arriving bytes, who may stop it.
+
+    `lines` bounds the streams that are open at a time, whatever the number of threads: while one file is checked and
+    synced, another arrives.
+    """
 
     mirrors: Mirrors
     timeout: float = TIMEOUT
     arrived: Callable[[Wanted, int, int | None], None] | None = None
     stop: Event | None = None
+    lines: AbstractContextManager[object] = field(default_factory=nullcontext)
 
     def fetch(self, wanted: Wanted) -> tuple[str, dict[str, str]]:
         """Bring a file; return the address of the mirror that completed it, and what others did instead, by address.
@@ -103,7 +109,8 @@ class Fetcher:
 
     def _from(self, mirror: Mirror, wanted: Wanted) -> None:
         """Complete a file from one mirror. If what others began proves wrong, it is brought again from its start."""
-        part, had = self._receive(mirror, wanted)
+        with self.lines:
+            part, had = self._receive(mirror, wanted)
         if wrong := wanted.settle(part):
             part.unlink(missing_ok=True)
             if not had:
