@@ -25,7 +25,9 @@ data_app = typer.Typer(help="The frozen splits in the cache: list, path, verify,
 JOBS = 4
 """Files that are fetched at a time, unless told."""
 
-Tasks = Annotated[str, typer.Option("--task", help="Which task; several with commas between, or all that are frozen.")]
+Tasks = Annotated[
+    str, typer.Option("--task", help="Which task; several with commas between; paper: its six; all that are frozen.")
+]
 Split = Annotated[str, typer.Option("--split", help="train, test or all.")]
 MirrorList = Annotated[
     list[str] | None,
@@ -162,10 +164,11 @@ def repair_cache(
 def _frozen(task: str, split: str) -> "list[Manifest]":
     """Return the manifests of the frozen splits that are asked for."""
     from eigenbench.frozen import frozen_task, frozen_tasks
-    from eigenbench.tasks import SPLITS
+    from eigenbench.tasks import PAPER_TASKS, SPLITS
 
     choose("split", split, (*SPLITS, "all"))
-    names = frozen_tasks() if task == "all" else tuple(dict.fromkeys(name.strip() for name in task.split(",")))
+    groups = {"all": frozen_tasks(), "paper": PAPER_TASKS}
+    names = groups[task] if task in groups else tuple(dict.fromkeys(name.strip() for name in task.split(",")))
     found = [m for name in names for m in frozen_task(name).splits.values()]
     return [m for m in found if split in ("all", m.recipe.split)]
 

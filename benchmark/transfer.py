@@ -15,6 +15,7 @@ from threading import Event
 
 from eigenbench.errors import DataError
 from eigenbench.mirrors import TIMEOUT, Mirror, Mirrors, MirrorTrouble, Opened, open_at, said
+from eigenbench.writeback import begin_writing
 
 BLOCK = 1 << 18
 """Bytes that are read at a time."""
@@ -22,6 +23,8 @@ _ROUNDS = 20
 """How often all mirrors are asked again, as long as any of them brings something."""
 _OPENINGS = 3
 """A file is asked for from where the longest part ends; if its length is another, from where its own part ends."""
+_BEGIN = 1 << 22
+"""Bytes that have arrived before the disk is asked to take them."""
 _LEAST = 1 << 16
 """A mirror that brings fewer bytes than this in the time of its timeout is as good as silent."""
 
@@ -140,12 +143,15 @@ class Fetcher:
 
         `had` bytes are there; a server that cannot begin there sends them again, and they are passed over.
         """
-        size = opened.start
+        size = begun = opened.start
         try:
             with part.open("ab", buffering=0) as file:
                 for block in self._blocks(opened, wanted, had):
                     _write(file, block[max(0, had - size) :])
                     size += len(block)
+                    if size - begun >= _BEGIN:
+                        begin_writing(file.fileno(), begun, size - begun)
+                        begun = size
                     if self.arrived:
                         self.arrived(wanted, size, opened.total)
                     if self.stop is not None and self.stop.is_set():

@@ -102,6 +102,28 @@ def test_evaluate_with_an_empty_cache_and_no_network(frozen_small, run, tmp_path
     assert run("data", "list", "--json")[1]["whole"]
 
 
+def test_a_run_on_a_frozen_split_needs_no_data_folder(hosted, run, tmp_path, capsys, monkeypatch):
+    """`evaluate` and `score` find the frozen split; a wrong byte in the cache is noticed and mended before its use."""
+    monkeypatch.setenv("EIGENBENCH_MIRRORS", str(hosted))
+    path, out = str(EXAMPLES / "bounding_box.py"), str(tmp_path / "run")
+    asked = ("--out", out, "--no-checks", "--no-report", "--isolation", "rlimits")
+    run("download", "--task", "tube", "--split", "test")
+    targets = Path(run("data", "path", "--task", "tube").strip()) / "targets-00000.h5"
+    content = bytearray(targets.read_bytes())
+    for command in (("evaluate", path, "--task", "tube", *asked), ("score", out), ("report", out)):
+        capsys.readouterr()
+        content[2600] ^= 1  # in the labels
+        targets.write_bytes(content)
+        app(list(command), standalone_mode=False)
+        assert "1 files in the cache hold wrong bytes and are mended first" in capsys.readouterr().err
+        assert run("data", "verify", "--json")["bad"] == {}
+    assert "equal to the stored result" in run("score", out)
+    manifest, result = frozen.frozen_split("tube", "test"), tmp_path / "run" / "result.json"
+    result.write_text(result.read_text().replace(manifest.digest, "0" * 64))
+    with pytest.raises(DataError, match="tube/test with digest 0000000000000000, are not the frozen split of data"):
+        run("score", out)
+
+
 def test_offline_and_no_rebuild(hosted, run, monkeypatch):
     """--offline asks no server; --no-rebuild makes nothing here; mirrors may come from the environment."""
     with mirror.serving(hosted) as server:
