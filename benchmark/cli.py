@@ -255,10 +255,12 @@ def evaluate(
 ) -> None:
     """Run a model, shut off from the labels, on a split and score it. Run again with its --out, it goes on."""
     from eigenbench.evaluation import evaluate as run
+    from eigenbench.hosting import split_model_name
     from eigenbench.learning import DataEfficiency, FewShot
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
+    split_model_name(model)  # refused before any data are brought
     place = split_to_score(data, task, fresh, hidden, as_json)
     options = _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
     if hidden:

@@ -26,7 +26,10 @@ JOBS = 4
 """Files that are fetched at a time, unless told."""
 
 Tasks = Annotated[
-    str, typer.Option("--task", help="Which task; several with commas between; paper: its six; all that are frozen.")
+    str,
+    typer.Option(
+        "--task", help="Which task; several with commas between; paper for its six, all for all that are frozen."
+    ),
 ]
 Split = Annotated[str, typer.Option("--split", help="train, test or all.")]
 MirrorList = Annotated[

@@ -11,7 +11,7 @@ from eigenbench import frozen
 from eigenbench._version import DATA_VERSION
 from eigenbench.cache import cache_folder
 from eigenbench.cli import app
-from eigenbench.errors import DataError, UsageError
+from eigenbench.errors import DataError, ModelError, UsageError
 from eigenbench.freezing import write_record
 from eigenbench.frozen import FrozenTask
 from eigenbench.generators.generation import generate
@@ -100,6 +100,13 @@ def test_evaluate_with_an_empty_cache_and_no_network(frozen_small, run, tmp_path
     run("evaluate", path, "--task", "tube", "--out", str(out), "--no-checks", "--no-report", "--isolation", "rlimits")
     assert load_run(out).result["data"]["digest"] == frozen.frozen_split("tube", "test").digest
     assert run("data", "list", "--json")[1]["whole"]
+
+
+def test_a_model_that_is_not_there_brings_no_data(frozen_small, run):
+    """A wrong path is refused before anything is fetched or made."""
+    with pytest.raises(ModelError, match="does not exist"):
+        run("evaluate", "nowhere.py", "--task", "tube")
+    assert not (frozen_small / "data").exists()
 
 
 def test_a_run_on_a_frozen_split_needs_no_data_folder(hosted, run, tmp_path, capsys, monkeypatch):
