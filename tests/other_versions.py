@@ -44,7 +44,7 @@ def environment(python: str, choice: str, out: Path) -> Path:
     own = place / "bin" / "python"
     if not (place / "ready").is_file():
         subprocess.run([python, "-m", "venv", "--clear", place], check=True)
-        pip = [str(own), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+        pip = [str(own), "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-compile"]
         subprocess.run([*pip, *requirements(choice)], check=True, stderr=subprocess.DEVNULL)
         (place / "ready").touch()
     again = [

@@ -116,11 +116,11 @@ def test_a_run_on_a_frozen_split_needs_no_data_folder(hosted, run, tmp_path, cap
     asked = ("--out", out, "--no-checks", "--no-report", "--isolation", "rlimits")
     run("download", "--task", "tube", "--split", "test")
     targets = Path(run("data", "path", "--task", "tube").strip()) / "targets-00000.h5"
-    content = bytearray(targets.read_bytes())
+    wrong = bytearray(targets.read_bytes())
+    wrong[2560] ^= 1  # a label
     for command in (("evaluate", path, "--task", "tube", *asked), ("score", out), ("report", out)):
         capsys.readouterr()
-        content[2600] ^= 1  # in the labels
-        targets.write_bytes(content)
+        targets.write_bytes(wrong)
         app(list(command), standalone_mode=False)
         assert "1 files in the cache hold wrong bytes and are mended first" in capsys.readouterr().err
         assert run("data", "verify", "--json")["bad"] == {}
@@ -148,6 +148,7 @@ def test_wrong_arguments(run):
     for arguments, said in (
         (("download", "--task", "tub"), "Did you mean 'tube'"),
         (("download", "--task", "fit"), "no frozen splits"),
+        (("download", "--task", "paper"), "Task 'cylinder' has no frozen splits"),
         (("download", "--task", "tube", "--split", "val"), "Unknown split 'val'"),
         (("download", "--task", "tube", "--jobs", "0"), "jobs is 0"),
         (("download", "--task", "tube", "--mirror", "ftpx"), "is no folder"),
