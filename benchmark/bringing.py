@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from threading import Event, Lock, Thread
+from threading import BoundedSemaphore, Event, Lock, Thread
 
 from eigenbench.cached_splits import (
     Shard,
@@ -24,13 +24,15 @@ from eigenbench.manifest import MANIFEST, Manifest, write_manifest
 from eigenbench.mirrors import TIMEOUT, Mirrors, chosen_mirrors
 from eigenbench.records import Recipe
 from eigenbench.shard_format import fields_of, shard_name
-from eigenbench.shards import is_packed, publish, read_about, settle, staged_shard
+from eigenbench.shards import publish, settle, staged_shard
 from eigenbench.transfer import Fetcher, NoMirror, Stopped, Wanted, write_trouble
 
 JOBS = 4
 HDF5 = b"\x89HDF\r\n\x1a\n"
 _OVERHEAD = 1 << 20
 """Most bytes of a shard beside its arrays."""
+_CHECKING = 2
+"""Files that are checked and synced while others arrive."""
 _PATIENCE = 5.0
 """Seconds to wait for the threads of a download that is given up."""
 
@@ -167,7 +169,7 @@ def _download(
     recipe = manifest.recipe
     meter = _Meter(f"{recipe.task} {recipe.split}, MB", manifest, missing, progress)
     stop, lock = Event(), Lock()
-    fetcher = Fetcher(mirrors, options.timeout, meter.arrived, stop)
+    fetcher = Fetcher(mirrors, options.timeout, meter.arrived, stop, BoundedSemaphore(options.jobs))
     left: dict[Shard, str] = {}
 
     def fetch(shard: Shard) -> None:
@@ -182,7 +184,7 @@ def _download(
                 brought.troubles.update(told)
                 brought.fetched[address] = brought.fetched.get(address, 0) + 1
 
-    _in_threads(fetch, missing, options.jobs, stop)
+    _in_threads(fetch, missing, options.jobs + _CHECKING, stop)
     return left
 
 
@@ -201,17 +203,14 @@ def _wanted(manifest: Manifest, shard: Shard) -> Wanted:
 def _settle(part: Path, place: Path, shard: Shard, manifest: Manifest) -> str:
     """Check a file that arrived and give it its name, unpacked; return what is wrong with it, "" if nothing."""
     try:
-        arrays = checked(part, shard, manifest)
-        packed = is_packed(part, shard[0])
-        about = read_about(part)
+        whole = checked(part, shard, manifest)
     except DataError as error:
         return f"sent a bad file: {error}"
     try:
-        if not packed:
+        if not whole.packed:
             publish(part, place)
             return ""
-        about.pop("digest")
-        with staged_shard(place, shard[0], arrays, about) as staged:
+        with staged_shard(place, shard[0], whole.arrays, whole.noted()) as staged:
             settle(staged, manifest.task, before_replacing=lambda: None)
         part.unlink()
     except OSError as error:
@@ -219,13 +218,13 @@ def _settle(part: Path, place: Path, shard: Shard, manifest: Manifest) -> str:
     return ""
 
 
-def _in_threads(work: Callable[[Shard], None], items: list[Shard], jobs: int, stop: Event) -> None:
+def _in_threads(work: Callable[[Shard], None], items: list[Shard], most: int, stop: Event) -> None:
     """Do the work on every item in threads that end with this call, or soon after it when it is interrupted."""
     queue: SimpleQueue[Shard] = SimpleQueue()
     for item in items:
         queue.put(item)
     failed: list[BaseException] = []
-    count = min(jobs, len(items))
+    count = min(most, len(items))
     threads = [Thread(target=_work_off, args=(queue, work, stop, failed), daemon=True) for _ in range(count)]
     for thread in threads:
         thread.start()

@@ -10,9 +10,8 @@ from pathlib import Path
 from eigenbench.cache import cache_folder, cache_place
 from eigenbench.errors import DataError, UsageError
 from eigenbench.manifest import MANIFEST, Manifest, read_manifest
-from eigenbench.records import Arrays
-from eigenbench.shard_format import FILES, content_digest, fields_of, shard_name
-from eigenbench.shards import REBUILD, map_rows, read_about
+from eigenbench.shard_format import FILES, content_digest, shard_name
+from eigenbench.shards import REBUILD, WholeShard, map_shard
 
 Shard = tuple[str, int]
 """A file of a split: "inputs" or "targets", and its number."""
@@ -65,23 +64,21 @@ def cached_split(manifest: Manifest) -> Path:
     return place_of(manifest)
 
 
-def checked(path: Path, shard: Shard, manifest: Manifest) -> Arrays:
+def checked(path: Path, shard: Shard, manifest: Manifest) -> WholeShard:
     """Read a whole shard file; DataError unless it holds what the manifest says."""
     file, number = shard
     entry = manifest.shards[number]
     try:
-        names = [field.name for field in fields_of(file)]
-        arrays = map_rows(path, file, manifest.task, names, entry.pairs)
-        recipe = read_about(path).get("recipe") if file == "targets" else asdict(manifest.recipe)
+        whole = map_shard(path, file, manifest.task, entry.pairs)
     except DataError as error:
         raise DataError(str(error).removesuffix(".").removesuffix(f"; {REBUILD}")) from error
-    if content_digest(file, arrays) != getattr(entry, file):
+    if content_digest(file, whole.arrays) != getattr(entry, file):
         msg = f"{path} holds other values than the frozen ones: its content digest differs"
         raise DataError(msg)
-    if recipe != asdict(manifest.recipe):
+    if file == "targets" and whole.about.get("recipe") != asdict(manifest.recipe):
         msg = f"{path} was made by another recipe"
         raise DataError(msg)
-    return arrays
+    return whole
 
 
 def wrong_with(path: Path, shard: Shard, manifest: Manifest) -> str:

@@ -16,13 +16,14 @@ from typing import Annotated, Any
 
 import typer
 
-from eigenbench.cli_data import data_app, download, publish, split_to_score, withhold
+from eigenbench.cli_data import data_app, download, publish
 from eigenbench.cli_hidden import gap, hidden_app
 from eigenbench.cli_leaderboard import leaderboard_app, submit
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
+from eigenbench.cli_splits import split_of_run, split_to_score, withhold
 from eigenbench.cli_train import train
-from eigenbench.console import SOURCES, Json, Workers, kept_told, progress_on
+from eigenbench.console import SOURCES, Json, OfRun, Workers, kept_told, progress_on
 from eigenbench.errors import DataError, EigenbenchError, UsageError, printable
 
 app = typer.Typer(
@@ -254,10 +255,12 @@ def evaluate(
 ) -> None:
     """Run a model, shut off from the labels, on a split and score it. Run again with its --out, it goes on."""
     from eigenbench.evaluation import evaluate as run
+    from eigenbench.hosting import split_model_name
     from eigenbench.learning import DataEfficiency, FewShot
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
+    split_model_name(model)  # refused before any data are brought
     place = split_to_score(data, task, fresh, hidden, as_json)
     options = _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
     if hidden:
@@ -324,7 +327,7 @@ def _options(
 @app.command()
 def score(
     run: Annotated[Path, typer.Argument(help="A run folder of `eigenbench evaluate`.")],
-    data: Annotated[Path, typer.Option(help="The split it was evaluated on.")],
+    data: OfRun = None,
     as_json: Json = False,
 ) -> None:
     """Score a run's stored predictions again, without the model, and compare with its result."""
@@ -332,7 +335,7 @@ def score(
     from eigenbench.tables import print_result
     from eigenbench.tables_learning import print_learning
 
-    result, difference = rescore(run, data)
+    result, difference = rescore(run, split_of_run(run, data, as_json))
     if as_json:
         again = {name: result[name] for name in ("scores", "few_shot", "data_efficiency") if name in result}
         print(json.dumps({**again, "difference": difference}))
@@ -350,16 +353,14 @@ def score(
 @app.command()
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Two or more run folders of `eigenbench evaluate`.")],
-    data: Annotated[
-        Path | None, typer.Option(help="The split they were evaluated on; default data/<task>/<split>.")
-    ] = None,
+    data: OfRun = None,
     as_json: Json = False,
 ) -> None:
     """Compare runs on the same pairs: differences with intervals, Holm-corrected p values, ranks with ties."""
     from eigenbench.comparison import compare as compare_runs
     from eigenbench.tables_learning import print_comparison
 
-    found = compare_runs(runs, data)
+    found = compare_runs(runs, split_of_run(runs[0], data, as_json) if len(runs) > 1 else data)
     if as_json:
         print(json.dumps(found))
         return

@@ -4,7 +4,6 @@ Part of the composition root: what no mirror has is made by `eigenbench.generato
 """
 
 import json
-import secrets
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -13,11 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eigenbench._version import DATA_VERSION
-from eigenbench.cli_hidden import check_choice
 from eigenbench.console import Json, progress_on
-from eigenbench.errors import DataError, UsageError, choose, printable
-from eigenbench.tasks import find_task
+from eigenbench.errors import DataError, choose, printable
 
 if TYPE_CHECKING:
     from eigenbench.bringing import Brought, Options
@@ -26,10 +22,15 @@ if TYPE_CHECKING:
 
 data_app = typer.Typer(help="The frozen splits in the cache: list, path, verify, repair.", no_args_is_help=True)
 
-FRESH_PAIRS = 20_000
-"""As many as the public test splits have."""
+JOBS = 4
+"""Files that are fetched at a time, unless told."""
 
-Tasks = Annotated[str, typer.Option("--task", help="Which task; several with commas between, or all that are frozen.")]
+Tasks = Annotated[
+    str,
+    typer.Option(
+        "--task", help="Which task; several with commas between; paper for its six, all for all that are frozen."
+    ),
+]
 Split = Annotated[str, typer.Option("--split", help="train, test or all.")]
 MirrorList = Annotated[
     list[str] | None,
@@ -45,13 +46,13 @@ def download(
     split: Split = "all",
     mirror: MirrorList = None,
     offline: Offline = False,
-    jobs: Jobs = 4,
+    jobs: Jobs = JOBS,
     rebuild: Rebuild = True,
     as_json: Json = False,
 ) -> None:
     """Bring frozen splits into the cache, from mirrors or by making them here. Run again, it goes on."""
-    options = _options(mirror, offline, jobs, rebuild, as_json)
-    _print_brought([(m, _bring(m, options, as_json)) for m in _frozen(task, split)], as_json)
+    options = bring_options(mirror, offline, jobs, rebuild, as_json)
+    _print_brought([(m, bring_now(m, options, as_json)) for m in _frozen(task, split)], as_json)
 
 
 def publish(
@@ -79,73 +80,6 @@ def publish(
         print(json.dumps({"folder": str(out), "files": len(files), "bytes": total}))
         return
     print(printable(f"{out}: {len(files)} files, {total / 1e9:.2f} GB; upload it, then `eigenbench download --mirror`"))
-
-
-def split_to_score(data: Path | None, task: str | None, fresh: str | None, hidden: Path | None, quiet: bool) -> Path:
-    """Return the split that `evaluate` shall use; it is brought into the cache, or made there, where it is not."""
-    check_choice(data, task, fresh, hidden)
-    if data is not None:
-        return data
-    name = find_task(str(task)).name
-    if hidden is not None:
-        return _hidden_split(name, hidden, quiet)
-    return _frozen_test_split(name, quiet) if fresh is None else _fresh_split(name, fresh, quiet)
-
-
-def _frozen_test_split(task: str, quiet: bool) -> Path:
-    from eigenbench.cached_splits import is_whole, place_of
-    from eigenbench.frozen import frozen_split
-
-    manifest = frozen_split(task, "test")
-    if not is_whole(manifest):
-        _say(f"{task}/test is brought into the cache first: {place_of(manifest)}")
-        _bring(manifest, _options(None, False, 4, True, quiet), quiet)
-    return place_of(manifest)
-
-
-def _fresh_split(task: str, fresh: str, quiet: bool) -> Path:
-    from eigenbench.cache import cache_folder
-    from eigenbench.records import Recipe
-
-    if fresh != "new" and not fresh.isdecimal():
-        msg = f"Seed of --fresh is '{fresh}'; it must be a whole number from 1 on, or `new`."
-        raise UsageError(msg)
-    seed = 1 + secrets.randbelow(2**63 - 1) if fresh == "new" else int(fresh)
-    if seed == 0:
-        msg = "Seed of --fresh is 0, which is the public data; pass another, or `new`."
-        raise UsageError(msg)
-    recipe = Recipe(task, "test", FRESH_PAIRS, seed)
-    _say(f"fresh split of {task}: seed {seed}")
-    _remake(recipe, cache_folder() / "fresh" / f"{recipe.data_version}-{seed}", quiet)
-    return cache_folder() / "fresh" / f"{recipe.data_version}-{seed}" / task / "test"
-
-
-def _hidden_split(task: str, hidden: Path, quiet: bool) -> Path:
-    from eigenbench.cache import cache_folder
-    from eigenbench.commitments import read_secret
-    from eigenbench.records import Recipe
-
-    secret = read_secret(hidden)
-    choose("task of this held-out split", task, secret.tasks)
-    if secret.data_version != DATA_VERSION:
-        msg = f"{hidden} is of data version {secret.data_version}, this eigenbench makes {DATA_VERSION}."
-        raise UsageError(msg)
-    place = cache_folder() / "hidden" / secret.commitment[:16]
-    place.mkdir(parents=True, exist_ok=True, mode=0o700)
-    _remake(Recipe(task, "test", secret.pairs, secret.seed), place, quiet)
-    return place / task / "test"
-
-
-def withhold(run: Path, hidden: Path) -> dict[str, Any]:
-    """Replace the seed in the result of a run on a held-out split by its commitment, and return the result."""
-    from eigenbench.commitments import read_secret
-    from eigenbench.results import RESULT, load_run
-    from eigenbench.shards import write_text_atomically
-
-    result = load_run(run).result
-    result["data"] |= {"seed": None, "commitment": read_secret(hidden).commitment}
-    write_text_atomically(run / RESULT, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    return result
 
 
 @data_app.command("list")
@@ -221,22 +155,23 @@ def repair_cache(
     split: Split = "all",
     mirror: MirrorList = None,
     offline: Offline = False,
-    jobs: Jobs = 4,
+    jobs: Jobs = JOBS,
     rebuild: Rebuild = True,
     as_json: Json = False,
 ) -> None:
     """Hash every file in the cache; fetch again, or make again, those that are wrong or missing."""
-    options = _options(mirror, offline, jobs, rebuild, as_json)
-    _print_brought([(m, _bring(m, options, as_json, again=True)) for m in _cached(task, split)], as_json)
+    options = bring_options(mirror, offline, jobs, rebuild, as_json)
+    _print_brought([(m, bring_now(m, options, as_json, again=True)) for m in _cached(task, split)], as_json)
 
 
 def _frozen(task: str, split: str) -> "list[Manifest]":
     """Return the manifests of the frozen splits that are asked for."""
     from eigenbench.frozen import frozen_task, frozen_tasks
-    from eigenbench.tasks import SPLITS
+    from eigenbench.tasks import PAPER_TASKS, SPLITS
 
     choose("split", split, (*SPLITS, "all"))
-    names = frozen_tasks() if task == "all" else tuple(dict.fromkeys(name.strip() for name in task.split(",")))
+    groups = {"all": frozen_tasks(), "paper": PAPER_TASKS}
+    names = groups[task] if task in groups else tuple(dict.fromkeys(name.strip() for name in task.split(",")))
     found = [m for name in names for m in frozen_task(name).splits.values()]
     return [m for m in found if split in ("all", m.recipe.split)]
 
@@ -248,24 +183,27 @@ def _cached(task: str, split: str) -> "Iterator[Manifest]":
     return (m for m in _frozen(task, split) if present(m))
 
 
-def _options(mirror: list[str] | None, offline: bool, jobs: int, rebuild: bool, quiet: bool) -> "Options":
+def bring_options(mirror: list[str] | None, offline: bool, jobs: int, rebuild: bool, quiet: bool) -> "Options":
+    """Return how splits are brought, by the options of a command."""
     from eigenbench.bringing import Options
 
-    return Options(mirror or (), offline, jobs, rebuild=partial(_remake, quiet=quiet) if rebuild else None)
+    return Options(mirror or (), offline, jobs, rebuild=partial(remake, quiet=quiet) if rebuild else None)
 
 
-def _bring(manifest: "Manifest", options: "Options", quiet: bool, again: bool = False) -> "Brought":
+def bring_now(manifest: "Manifest", options: "Options", quiet: bool, again: bool = False) -> "Brought":
+    """Bring a split into the cache and show how far that is."""
     from eigenbench.bringing import bring
 
     with progress_on(quiet) as progress:
-        return bring(manifest, options, again=again, progress=progress, tell=_say)
+        return bring(manifest, options, again=again, progress=progress, tell=say)
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
+    """Print a line that is no result, to stderr."""
     print(printable(text), file=sys.stderr, flush=True)
 
 
-def _remake(recipe: "Recipe", out: Path, quiet: bool) -> "Manifest":
+def remake(recipe: "Recipe", out: Path, quiet: bool) -> "Manifest":
     """Make the split of a recipe below a folder."""
     from eigenbench.generators.generation import generate
 

@@ -65,10 +65,11 @@ def gap(
     as_json: Json = False,
 ) -> None:
     """Compare public with fresh or held-out scores, with intervals; the gap goes into the second run's result."""
+    from eigenbench.cli_splits import split_of_run
     from eigenbench.gap import beyond_chance, write_gap
     from eigenbench.gap import gap as measured
 
-    found = measured(public, other, public_data, data)
+    found = measured(public, other, split_of_run(public, public_data, as_json), split_of_run(other, data, as_json))
     write_gap(other, found)
     if as_json:
         print(json.dumps(found))

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_splits import splits_of_board
 from eigenbench.console import Json, progress_on
 from eigenbench.errors import DataError, printable
 
@@ -14,7 +15,8 @@ leaderboard_app = typer.Typer(help="A board of entries that anybody can verify, 
 
 Board = Annotated[Path, typer.Argument(help="A board: a folder of records.")]
 Data = Annotated[
-    list[Path] | None, typer.Option(help="Folder with the board's test splits; may be repeated; default data.")
+    list[Path] | None,
+    typer.Option(help="Folder with the board's test splits; may be repeated; default: by digest, the frozen ones."),
 ]
 EntryNumber = Annotated[int, typer.Argument(help="Number of the entry.")]
 By = Annotated[str, typer.Option(help="Who says so.")]
@@ -38,7 +40,7 @@ def submit(
     from eigenbench.leaderboard.submission import submit as hand_in
 
     about = About(name, authors, tuple(link or ()), parameters, note)
-    links = hand_in(runs, board, about, data or [Path("data")])
+    links = hand_in(runs, board, about, splits_of_board(board, data, as_json, runs=runs))
     if as_json:
         print(json.dumps([{"entry": k.record.number, "head": k.digest, **k.record.body} for k in links]))
         return
@@ -62,12 +64,17 @@ def _print_entry(link: Any) -> None:
 def new(
     board: Board,
     name: Annotated[str, typer.Option(help="The board's name.")] = "eigenbench",
-    data: Data = None,
+    data: Annotated[
+        list[Path] | None, typer.Option(help="Folder with test splits; may be repeated; default: the frozen ones.")
+    ] = None,
 ) -> None:
-    """Open a board about the test splits at --data; their digests are fixed for ever."""
+    """Open a board about the frozen test splits, or those at --data; their digests are fixed for ever."""
+    from eigenbench.frozen import frozen_split, frozen_tasks
     from eigenbench.leaderboard.boards import open_board, read_manifests
+    from eigenbench.tasks import TASKS
 
-    link = open_board(board, name, read_manifests(data or [Path("data")]))
+    frozen = {task: frozen_split(task, "test") for task in frozen_tasks() if task in TASKS}
+    link = open_board(board, name, read_manifests(data) if data else frozen)
     body = link.record.body
     print(printable(f"{board}: board '{body['name']}', data {body['data_version']}: {', '.join(body['data'])}"))
     print(f"head: {link.digest}")
@@ -76,9 +83,7 @@ def new(
 @leaderboard_app.command("verify")
 def verify_command(
     board: Board,
-    data: Annotated[
-        list[Path] | None, typer.Option(help="Folder with the board's test splits; may be repeated.")
-    ] = None,
+    data: Data = None,
     no_scores: Annotated[
         bool, typer.Option("--no-scores", help="Check chain, schema and digests alone; needs no data.")
     ] = False,
@@ -88,9 +93,10 @@ def verify_command(
     """Check a board: schema, digests, hash chain, duplicates, and every score again from the predictions."""
     from eigenbench.leaderboard.audit import verify_board
 
-    places = None if no_scores else data or [Path("data")]
-    with progress_on(as_json) as progress:
-        found = verify_board(board, places, head=head, progress=progress)
+    found = verify_board(board, head=head)
+    if not no_scores and not found.faults and (places := splits_of_board(board, data, as_json)):
+        with progress_on(as_json) as progress:
+            found = verify_board(board, places, head=head, progress=progress)
     if as_json:
         faults = [{"record": f.number, "fault": f.what} for f in found.faults]
         told = {"records": len(found.links), "rescored": found.rescored, "head": found.head, "faults": faults}
@@ -104,7 +110,11 @@ def verify_command(
         raise DataError(msg)
     if not as_json:
         entries = sum(link.record.kind == "entry" for link in found.links)
-        how = f"{found.rescored} of {entries} entries scored again" if places else "scores not checked (--no-scores)"
+        how = (
+            f"{found.rescored} of {entries} entries scored again"
+            if not no_scores
+            else "scores not checked (--no-scores)"
+        )
         print(printable(f"{board}: good, {len(found.links)} records, {how}"))
         print(f"head: {found.head}")
 
@@ -127,7 +137,7 @@ def badge(
     """Confirm an entry: rescored from its predictions, or re-run by your own runs of the same model."""
     from eigenbench.leaderboard.boards import award_badge
 
-    _print_records([award_badge(board, entry, level, by, data or [Path("data")], run or [])])
+    _print_records([award_badge(board, entry, level, by, splits_of_board(board, data, False, entry=entry), run or [])])
 
 
 @leaderboard_app.command("challenge")

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from eigenbench.console import Json
+from eigenbench.cli_splits import split_of_run
+from eigenbench.console import Json, OfRun
 from eigenbench.errors import printable
 
 RunFolder = Annotated[Path, typer.Argument(help="A run folder of `eigenbench evaluate`.")]
-OfRun = Annotated[Path, typer.Option("--data", help="The split it was evaluated on.")]
 Split = Annotated[Path, typer.Argument(help="A split, e.g. data/tube/test.")]
 Page = Annotated[Path | None, typer.Option("--out", help="The page to write; default: beside you, named by the data.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
@@ -19,7 +19,7 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 def report(
     run: RunFolder,
-    data: OfRun,
+    data: OfRun = None,
     out: Annotated[Path | None, typer.Option(help="The page to write; default: RUN/report.html.")] = None,
     show: Open = False,
     as_json: Json = False,
@@ -27,20 +27,20 @@ def report(
     """Write a run's page: scores, plots and pairs in 3-D in one offline file; the model is not needed."""
     from eigenbench.report import write_report
 
-    _written(write_report(run, data, out), show, as_json)
+    _written(write_report(run, split_of_run(run, data, as_json), out), show, as_json)
 
 
 def export(
     run: RunFolder,
-    data: OfRun,
     out: Annotated[Path, typer.Option(help="Folder that receives the files.")],
+    data: OfRun = None,
     tables_only: Annotated[bool, typer.Option("--tables-only", help="No figures, so no matplotlib.")] = False,
     as_json: Json = False,
 ) -> None:
     """Write a run's tables (CSV, LaTeX) and plots (PNG, PDF) for a paper."""
     from eigenbench.export import export_run
 
-    paths = export_run(run, data, out, figures=not tables_only)
+    paths = export_run(run, split_of_run(run, data, as_json), out, figures=not tables_only)
     if as_json:
         print(json.dumps([str(p) for p in paths]))
         return

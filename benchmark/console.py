@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -15,6 +16,10 @@ SOURCES = (
 )
 """Help of every option that takes a shape source."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+OfRun = Annotated[
+    Path | None,
+    typer.Option("--data", help="The split it was evaluated on; default: the frozen one, else by its digest in data/."),
+]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
 
 

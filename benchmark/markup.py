@@ -6,7 +6,7 @@ import html
 import json
 import re
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -24,29 +24,44 @@ class Html(str):
 
 def text(value: object) -> Html:
     """Return a value as text: markup and unprintable characters (line breaks, direction marks) are escaped."""
-    if isinstance(value, Html):
-        return value
-    shown = printable(str(value))
-    return Html(html.escape(shown, quote=True) if _ESCAPED.search(shown) else shown)
+    return value if isinstance(value, Html) else Html(_shown(value))
+
+
+def _shown(value: object) -> str:
+    """Return markup as it is, and anything else escaped; the digits of plain numbers need no look."""
+    if isinstance(value, str):
+        return value if isinstance(value, Html) else _escaped(value)
+    kind = type(value)
+    return str(value) if kind is int or kind is float else _escaped(str(value))
+
+
+@lru_cache(maxsize=1 << 14)
+def _escaped(value: str) -> str:
+    shown = printable(value)
+    return html.escape(shown, quote=True) if _ESCAPED.search(shown) else shown
+
+
+@cache
+def _attribute(key: str) -> str:
+    return key.rstrip("_").replace("_", "-")
 
 
 def tag(name: str, /, *children: object, **attributes: object) -> Html:
     """Return an element. Attributes: `class_` is class, `_` becomes `-`, None and False are left out, True is bare."""
-    parts = [name]
+    opening = name
     for key, value in attributes.items():
-        if value is None or value is False:
-            continue
-        attribute = key.rstrip("_").replace("_", "-")
-        parts.append(attribute if value is True else f'{attribute}="{text(value)}"')
-    opening = " ".join(parts)
-    if name in _VOID and not children:
+        if value is True:
+            opening += " " + _attribute(key)
+        elif value is not None and value is not False:
+            opening += f' {_attribute(key)}="{_shown(value)}"'
+    if not children and name in _VOID:
         return Html(f"<{opening}>" if name in ("meta", "br", "input") else f"<{opening}/>")
-    return Html(f"<{opening}>{join(children)}</{name}>")
+    return Html(f"<{opening}>{''.join([_shown(c) for c in children if c is not None])}</{name}>")
 
 
 def join(children: Iterable[object]) -> Html:
     """Return children one after the other; None is left out."""
-    return Html("".join(text(c) for c in children if c is not None))
+    return Html("".join([_shown(c) for c in children if c is not None]))
 
 
 def details(summary: str, *children: object, open_: bool = False) -> Html:

@@ -111,6 +111,9 @@ def _checked(address: str) -> str:
     if parts.scheme in ("http", "https") and (not parts.hostname or re.search(r"[\s\x00-\x1f]", address)):
         msg = f"Mirror '{address}' is no address: it names no host. Pass one such as https://host/eigenbench."
         raise UsageError(msg)
+    if parts.scheme in ("http", "https") and parts.username is not None:
+        msg = f"Mirror at {parts.hostname} is named with a user; that cannot be asked for. Pass its address alone."
+        raise UsageError(msg)
     return address.rstrip("/") or "/"
 
 

@@ -73,16 +73,13 @@ def percent_ticks(low: float, high: float, about: int = 5) -> list[tuple[float, 
 def draw_axes(frame: Frame, axes: Axes) -> Html:
     """Return grid, ticks and titles."""
     base, end = frame.height - frame.bottom, frame.width - frame.right
-    marks = []
-    for value, shown in axes.y_ticks:
-        y = frame.at_y(value)
-        marks.append(tag("path", d=f"M{frame.left:g} {y}H{end:g}", class_="grid"))
-        marks.append(tag("text", shown, x=frame.left - 6, y=y + 4, text_anchor="end", class_="tick"))
-    for value, shown in axes.x_ticks:
-        x = frame.at_x(value)
-        marks.append(tag("path", d=f"M{x} {base:g}v4", class_="axis"))
-        marks.append(tag("text", shown, x=x, y=base + 17, text_anchor="middle", class_="tick"))
-    marks.append(tag("path", d=f"M{frame.left:g} {base:g}H{end:g}", class_="axis"))
+    rows = [(frame.at_y(value), shown) for value, shown in axes.y_ticks]
+    columns = [(frame.at_x(value), shown) for value, shown in axes.x_ticks]
+    grid = "".join(f"M{frame.left:g} {y}H{end:g}" for y, _ in rows)
+    line = f"M{frame.left:g} {base:g}H{end:g}" + "".join(f"M{x} {base:g}v4" for x, _ in columns)
+    marks = [tag("path", d=grid, class_="grid"), tag("path", d=line, class_="axis")]
+    marks += [tag("text", t, x=frame.left - 6, y=y + 4, text_anchor="end", class_="tick") for y, t in rows]
+    marks += [tag("text", t, x=x, y=base + 17, text_anchor="middle", class_="tick") for x, t in columns]
     middle_x, middle_y = (frame.left + end) / 2, (frame.top + base) / 2
     marks.append(tag("text", axes.x_title, x=middle_x, y=frame.height - 4, text_anchor="middle", class_="title"))
     turned = f"translate(11 {middle_y:g}) rotate(-90)"

@@ -22,7 +22,7 @@ from eigenbench.manifest import MANIFEST, Manifest, write_manifest
 from eigenbench.markup import asset
 from eigenbench.shard_format import PAIRS_PER_SHARD, shard_name
 from eigenbench.shards import publish as put
-from eigenbench.shards import read_about, settle, staged_shard, temporary_beside, write_text_atomically
+from eigenbench.shards import settle, staged_shard, temporary_beside, write_text_atomically
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,9 +97,9 @@ def _put_split(dataset: Dataset, out: Path, packed: bool, progress: Progress | N
     for done, shard in enumerate(files, 1):
         if not _is_right(place / shard_name(*shard), shard, dataset.manifest):
             source = dataset.folder / shard_name(*shard)
-            arrays, about = checked(source, shard, dataset.manifest), read_about(source)
-            about.pop("digest")
-            with staged_shard(place / shard_name(*shard), shard[0], arrays, about, packed=packed) as staged:
+            whole = checked(source, shard, dataset.manifest)
+            about = whole.noted()
+            with staged_shard(place / shard_name(*shard), shard[0], whole.arrays, about, packed=packed) as staged:
                 settle(staged, dataset.task, before_replacing=lambda: None)
         if progress:
             progress(f"{recipe.task} {recipe.split}, files", done, len(files))

@@ -158,6 +158,11 @@ def fields_of(file: str) -> tuple[Field, ...]:
     return tuple(f for f in FIELDS if f.file == file)
 
 
+def field_named(file: str, name: str) -> Field:
+    """Return one dataset of a kind of file."""
+    return next(f for f in fields_of(file) if f.name == name)
+
+
 def shard_name(file: str, index: int) -> str:
     """Return `inputs-00003.h5` for ("inputs", 3)."""
     return f"{file}-{index:05d}.h5"

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from eigenbench.errors import DataError, GenerationError
 from eigenbench.records import Arrays
-from eigenbench.shard_format import FORMAT_VERSION, Field, content_digest, fields_of
+from eigenbench.shard_format import FORMAT_VERSION, Field, content_digest, field_named, fields_of
 from eigenbench.tasks import TaskSpec
 
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
@@ -297,31 +297,47 @@ def _check_field(path: Path, field: Field, values: NDArray[Any] | h5py.Dataset, 
         raise DataError(msg)
 
 
-def is_packed(path: Path, file: str) -> bool:
-    """Say whether any dataset of a shard is stored in compressed blocks, so that it cannot be mapped."""
-    with _open(path) as h5, _damage_named(path):
-        return any(h5[field.name].id.get_offset() is None for field in fields_of(file))
-
-
 def map_rows(path: Path, file: str, task: TaskSpec, names: Iterable[str], rows: int | None = None) -> Arrays:
     """Return read-only arrays of the named datasets, mapped from the file where its layout allows.
 
     Contiguous datasets are memory-mapped: rows are then read by the page, in any order, with no lock
     and no open handle, safe after a fork. Compressed ones are read whole; `rows` as in `read_shard`.
     """
-    arrays: Arrays = {}
     with _open(path) as h5, _damage_named(path):
-        for name in names:
-            dataset = h5.get(name)
-            offset = None if dataset is None else dataset.id.get_offset()
-            if offset is None:
-                arrays |= read_shard(path, file, task, [name], rows)
-                continue
-            end = offset + dataset.dtype.itemsize * int(np.prod(dataset.shape))
-            if end > path.stat().st_size:
-                msg = f"Shard {path} is truncated; {REBUILD}."
-                raise DataError(msg)
-            arrays[name] = np.memmap(path, dataset.dtype, "r", offset, dataset.shape)
-            field = next(f for f in fields_of(file) if f.name == name)
-            _check_field(path, field, arrays[name], field.shape(len(arrays[name]), task))
-    return arrays
+        return {name: _map_field(h5, path, field_named(file, name), task, rows)[0] for name in names}
+
+
+@dataclass(frozen=True, slots=True)
+class WholeShard:
+    """A shard file as it lies on the disk: all its arrays, what the writer noted, and whether it is compressed."""
+
+    arrays: Arrays
+    about: dict[str, Any]
+    packed: bool
+
+    def noted(self) -> dict[str, Any]:
+        """Return what the writer noted, less the digest, which every writer adds."""
+        return {key: value for key, value in self.about.items() if key != "digest"}
+
+
+def map_shard(path: Path, file: str, task: TaskSpec, rows: int) -> WholeShard:
+    """Return all of a shard of so many rows, mapped as by `map_rows`; DataError names what is wrong."""
+    with _open(path) as h5, _damage_named(path):
+        found = {field.name: _map_field(h5, path, field, task, rows) for field in fields_of(file)}
+        arrays = {name: values for name, (values, _) in found.items()}
+        return WholeShard(arrays, _about(h5, path), any(packed for _, packed in found.values()))
+
+
+def _map_field(h5: h5py.File, path: Path, field: Field, task: TaskSpec, rows: int | None) -> tuple[NDArray[Any], bool]:
+    """Return the array of a field, and whether it is compressed: then it is read, else mapped."""
+    dataset = h5.get(field.name)
+    offset = None if dataset is None else dataset.id.get_offset()
+    if offset is None:
+        return read_shard(path, field.file, task, [field.name], rows)[field.name], True
+    end = offset + dataset.dtype.itemsize * int(np.prod(dataset.shape))
+    if end > path.stat().st_size:
+        msg = f"Shard {path} is truncated; {REBUILD}."
+        raise DataError(msg)
+    values = np.memmap(path, dataset.dtype, "r", offset, dataset.shape)
+    _check_field(path, field, values, field.shape(len(values) if rows is None else rows, task))
+    return values, False

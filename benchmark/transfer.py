@@ -8,12 +8,14 @@ import errno
 import io
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 
 from eigenbench.errors import DataError
 from eigenbench.mirrors import TIMEOUT, Mirror, Mirrors, MirrorTrouble, Opened, open_at, said
+from eigenbench.writeback import begin_writing
 
 BLOCK = 1 << 18
 """Bytes that are read at a time."""
@@ -21,6 +23,8 @@ _ROUNDS = 20
 """How often all mirrors are asked again, as long as any of them brings something."""
 _OPENINGS = 3
 """A file is asked for from where the longest part ends; if its length is another, from where its own part ends."""
+_BEGIN = 1 << 22
+"""Bytes that have arrived before the disk is asked to take them."""
 _LEAST = 1 << 16
 """A mirror that brings fewer bytes than this in the time of its timeout is as good as silent."""
 
@@ -68,12 +72,17 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Fetcher:
-    """How files are brought: from where, how patient, who is told of arriving bytes, who may stop it."""
+    """How files are brought: from where, how patient, who is told of arriving bytes, who may stop it.
+
+    `lines` bounds the streams that are open at a time, whatever the number of threads: while one file is checked and
+    synced, another arrives.
+    """
 
     mirrors: Mirrors
     timeout: float = TIMEOUT
     arrived: Callable[[Wanted, int, int | None], None] | None = None
     stop: Event | None = None
+    lines: AbstractContextManager[object] = field(default_factory=nullcontext)
 
     def fetch(self, wanted: Wanted) -> tuple[str, dict[str, str]]:
         """Bring a file; return the address of the mirror that completed it, and what others did instead, by address.
@@ -103,7 +112,8 @@ class Fetcher:
 
     def _from(self, mirror: Mirror, wanted: Wanted) -> None:
         """Complete a file from one mirror. If what others began proves wrong, it is brought again from its start."""
-        part, had = self._receive(mirror, wanted)
+        with self.lines:
+            part, had = self._receive(mirror, wanted)
         if wrong := wanted.settle(part):
             part.unlink(missing_ok=True)
             if not had:
@@ -133,12 +143,15 @@ class Fetcher:
 
         `had` bytes are there; a server that cannot begin there sends them again, and they are passed over.
         """
-        size = opened.start
+        size = begun = opened.start
         try:
             with part.open("ab", buffering=0) as file:
                 for block in self._blocks(opened, wanted, had):
                     _write(file, block[max(0, had - size) :])
                     size += len(block)
+                    if size - begun >= _BEGIN:
+                        begin_writing(file.fileno(), begun, size - begun)
+                        begun = size
                     if self.arrived:
                         self.arrived(wanted, size, opened.total)
                     if self.stop is not None and self.stop.is_set():

@@ -1,6 +1,6 @@
 """The entries of the example models: evaluated, submitted, and confirmed by a second run of each.
 
-    python -m eigenbench.leaderboard.ours --data data --runs runs/ours --board leaderboard/entries
+    python -m eigenbench.leaderboard.ours --runs runs/ours --board leaderboard/entries
 
 Goes on where it stopped: runs that are there are not made again, entries that are there not submitted again.
 """
@@ -10,14 +10,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from eigenbench.cached_splits import cached_split
 from eigenbench.errors import EigenbenchError, printable
 from eigenbench.evaluation import evaluate
+from eigenbench.frozen import frozen_split
 from eigenbench.leaderboard.answer_key import find_tests
 from eigenbench.leaderboard.boards import award_badge, open_board, read_manifests
 from eigenbench.leaderboard.chain import folder_name, read_chain
 from eigenbench.leaderboard.standing import Entry, entries_of
 from eigenbench.leaderboard.submission import About, submit
 from eigenbench.results import RESULT, load_run
+from eigenbench.tasks import PAPER_TASKS
 
 BY = "the eigenbench maintainers"
 EXAMPLES: dict[str, About] = {
@@ -79,15 +82,16 @@ def main() -> None:
     """Read the command line and print the entries."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--board", type=Path, default=Path("leaderboard/entries"))
-    parser.add_argument("--data", type=Path, action="append", help="folder with the test splits; default data")
+    parser.add_argument(
+        "--data", type=Path, action="append", help="folder with the test splits; default: the frozen ones"
+    )
     parser.add_argument("--runs", type=Path, default=Path("runs/ours"), help="folder of the run folders")
     parser.add_argument("--examples", type=Path, default=Path("examples"))
     parser.add_argument("--only", choices=list(EXAMPLES), action="append", help="these examples alone")
     asked = parser.parse_args()
     try:
-        entries = make_entries(
-            asked.board, asked.data or [Path("data")], asked.runs, asked.examples, asked.only or list(EXAMPLES)
-        )
+        data = asked.data or [cached_split(frozen_split(task, "test")) for task in PAPER_TASKS]
+        entries = make_entries(asked.board, data, asked.runs, asked.examples, asked.only or list(EXAMPLES))
     except EigenbenchError as error:
         sys.exit(printable(f"error: {error}"))
     for entry in entries:

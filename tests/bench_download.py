@@ -5,7 +5,8 @@
 
 The server is a process of its own that sends files by sendfile. curl fetches and stores, one file after another or several
 at a time (`curl -Z`); eigenbench also checks every digest and syncs, so that a third row gives curl with `sha256sum` and
-`sync`. All write below --out; least of --repeats.
+`sync`. All write below --out, which is removed and the disk synced before the next begins; least of --repeats, and the
+median of what each repeat gives as the ratio to its own curl.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import multiprocessing
 import os
 import shutil
 import socket
+import statistics
 import subprocess
 import threading
 import time
@@ -85,8 +87,14 @@ def curl(address: str, manifest: Manifest, out: Path, *flags: str, keep: bool = 
     subprocess.run(command, check=True)
     seconds = time.perf_counter() - begun
     if not keep:
-        shutil.rmtree(out)
+        clear(out)
     return seconds
+
+
+def clear(folder: Path) -> None:
+    """Remove what was fetched, and wait until the disk has forgotten it: the next one shall not wait for that."""
+    shutil.rmtree(folder)
+    os.sync()
 
 
 def curl_checked(address: str, manifest: Manifest, out: Path) -> float:
@@ -96,7 +104,7 @@ def curl_checked(address: str, manifest: Manifest, out: Path) -> float:
     subprocess.run(["sha256sum", *out.iterdir()], check=True, stdout=subprocess.DEVNULL)
     subprocess.run(["sync", *out.iterdir()], check=True)
     seconds = time.perf_counter() - begun
-    shutil.rmtree(out)
+    clear(out)
     return seconds
 
 
@@ -107,7 +115,7 @@ def ours(address: str, manifest: Manifest, out: Path, jobs: int) -> float:
     brought = bring(manifest, Options([address], jobs=jobs))
     seconds = time.perf_counter() - begun
     assert brought.fetched == {address: len(files_of(manifest))}
-    shutil.rmtree(out)
+    clear(out)
     return seconds
 
 
@@ -143,7 +151,9 @@ def main() -> None:
     print(f"{asked.task}/{asked.split}, {size / 1e6:,.0f} MB, {asked.jobs} jobs, least of {asked.repeats}")
     for name, seconds in least.items():
         ratio = least["curl"] / seconds
-        print(f"{name:24}{seconds:8.2f} s{size / seconds / 1e6:8,.0f} MB/s   {ratio:.2f} of the speed of curl")
+        median = statistics.median(a / b for a, b in zip(times["curl"], times[name], strict=True))
+        rate = size / seconds / 1e6
+        print(f"{name:24}{seconds:8.2f} s{rate:8,.0f} MB/s   {ratio:.2f} of the speed of curl, median {median:.2f}")
     server.terminate()
     shutil.rmtree(asked.out)
 

@@ -4,6 +4,7 @@
     python tests/freeze.py --check          # `make verify-splits`: everything is made again and compared
     python tests/freeze.py --check --first  # the first shard of each split only, in memory
     python tests/freeze.py --again tube     # the record is replaced: only before a release
+    python tests/freeze.py --records out/records box    # records elsewhere: to see what would come out
 
 A task's splits are made below --data, or found there, hashed and mended; they are removed once they are recorded or
 compared, unless --keep. Interrupted, it goes on by the same command. A lesser
@@ -13,12 +14,14 @@ processor is imitated by NPY_DISABLE_CPU_FEATURES="AVX2 FMA3", OPENBLAS_CORETYPE
 import argparse
 import shutil
 import sys
+import time
 from pathlib import Path
 
+from eigenbench import frozen
 from eigenbench.dataset import load
 from eigenbench.errors import DataError, EigenbenchError, UsageError
 from eigenbench.freezing import check_record, record_of, write_record
-from eigenbench.frozen import FROZEN_TASKS, RECORDS, frozen_task, frozen_tasks, read_record, record_name
+from eigenbench.frozen import FROZEN_TASKS, frozen_task, frozen_tasks
 from eigenbench.generators.building import build
 from eigenbench.generators.generation import cached_maker, generate
 from eigenbench.generators.stock import load_stock, references
@@ -34,21 +37,25 @@ def main() -> int:
     parser.add_argument("--first", action="store_true", help="with --check: the first shard of each split only")
     parser.add_argument("--again", action="store_true", help="make records anew that are there")
     parser.add_argument("--data", type=Path, default=Path("out/frozen"))
+    parser.add_argument("--records", type=Path, default=frozen.RECORDS, help="where the records lie, or are written")
     parser.add_argument("--keep", action="store_true", help="leave the splits in --data")
     parser.add_argument("--workers", type=int)
     asked = parser.parse_args()
+    frozen.RECORDS = asked.records
     there = frozen_tasks()
     every = there if asked.check else FROZEN_TASKS
     failed = 0
     for task in asked.tasks or every:
+        begun = time.monotonic()
         if not asked.check and not asked.again and task in there:
             print(f"{task}: frozen already")
             continue
         try:
             if asked.check and asked.first:
-                print(_first_shards(task), flush=True)
+                told = _first_shards(task)
             else:
-                print(_task(task, asked.data, asked.check, asked.workers), flush=True)
+                told = _task(task, asked.data, asked.check, asked.workers)
+            print(f"{told} ({time.monotonic() - begun:.0f} s)", flush=True)
         except EigenbenchError as error:
             failed += 1
             print(f"{task}: {error}", file=sys.stderr)
@@ -85,9 +92,10 @@ def _task(task: str, data: Path, check: bool, workers: int | None) -> str:
     generate(task, out=data, workers=workers)
     made = record_of(load(data / task / "train"), load(data / task / "test"))
     if check:
-        check_record(made, read_record(RECORDS / record_name(task)))
+        check_record(made, frozen_task(task))
         return f"{task}: equal to the frozen splits, {' '.join(m.digest[:16] for m in made.splits.values())}"
-    path = write_record(RECORDS, made)
+    frozen.RECORDS.mkdir(parents=True, exist_ok=True)
+    path = write_record(frozen.RECORDS, made)
     return f"{task}: {path}, {path.stat().st_size:,} bytes"
 
 

@@ -5,10 +5,15 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from eigenbench import frozen
+from eigenbench._version import DATA_VERSION
 from eigenbench.cli import app
 from eigenbench.errors import UsageError
+from eigenbench.freezing import write_record
+from eigenbench.frozen import FrozenTask
 from eigenbench.leaderboard import ours
 from eigenbench.leaderboard.chain import read_chain
+from eigenbench.manifest import read_manifest
 
 
 def typed(*arguments) -> str:
@@ -45,6 +50,36 @@ def test_from_opening_to_site(tmp_path, board_data, board_runs):
     assert len(json.loads(typed("leaderboard", "build", board, "--out", tmp_path / "site", "--json"))) == 5
     with pytest.raises(UsageError, match="This cannot be recorded: entry 2 was withdrawn"):
         typed("leaderboard", "challenge", board, 2, *why)
+
+
+def test_without_data_a_board_is_about_the_frozen_splits(tmp_path, board_data, board_runs, monkeypatch):
+    """No command of a board needs --data: what the board is about is found by its digest, brought, and kept right."""
+    mirror, cache, records = tmp_path / "mirror", tmp_path / "cache", tmp_path / "records"
+    for folder in (mirror, cache, records):
+        folder.mkdir()
+    (mirror / DATA_VERSION).symlink_to(board_data)
+    for task in ("tube", "sphere"):
+        splits = {"test": read_manifest(board_data / task / "test")}
+        write_record(records, FrozenTask(task, DATA_VERSION, splits, {}))
+    monkeypatch.setattr(frozen, "RECORDS", records)
+    monkeypatch.setenv("EIGENBENCH_CACHE", str(cache))
+    monkeypatch.setenv("EIGENBENCH_MIRRORS", str(mirror))
+    monkeypatch.chdir(tmp_path)
+    board = tmp_path / "board"
+    assert f"data {DATA_VERSION}: tube, sphere" in typed("leaderboard", "new", board)
+    assert "good, 1 records, 0 of 0 entries" in typed("leaderboard", "verify", board)
+    typed("submit", board_runs["seed-0"], "--board", board, "--name", "M", "--authors", "A")
+    place = cache / "data" / DATA_VERSION
+    assert [p.name for p in place.iterdir()] == ["tube"]
+    targets = place / "tube" / "test" / "targets-00000.h5"
+    content = bytearray(targets.read_bytes())
+    content[-100] ^= 1
+    content[7000] ^= 1
+    targets.write_bytes(content)
+    assert "good, 2 records, 1 of 1 entries scored again" in typed("leaderboard", "verify", board)
+    assert "record 2: badge of 1" in typed("leaderboard", "badge", board, 1, "--badge", "rescored", "--by", "us")
+    assert "tied" in typed("compare", board_runs["seed-0"], board_runs["bad"])
+    assert [p.name for p in place.iterdir()] == ["tube"]
 
 
 def test_our_entries_are_made_by_one_command(tmp_path, board_data, monkeypatch, capsys):

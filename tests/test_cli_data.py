@@ -11,7 +11,7 @@ from eigenbench import frozen
 from eigenbench._version import DATA_VERSION
 from eigenbench.cache import cache_folder
 from eigenbench.cli import app
-from eigenbench.errors import DataError, UsageError
+from eigenbench.errors import DataError, ModelError, UsageError
 from eigenbench.freezing import write_record
 from eigenbench.frozen import FrozenTask
 from eigenbench.generators.generation import generate
@@ -102,6 +102,35 @@ def test_evaluate_with_an_empty_cache_and_no_network(frozen_small, run, tmp_path
     assert run("data", "list", "--json")[1]["whole"]
 
 
+def test_a_model_that_is_not_there_brings_no_data(frozen_small, run):
+    """A wrong path is refused before anything is fetched or made."""
+    with pytest.raises(ModelError, match="does not exist"):
+        run("evaluate", "nowhere.py", "--task", "tube")
+    assert not (frozen_small / "data").exists()
+
+
+def test_a_run_on_a_frozen_split_needs_no_data_folder(hosted, run, tmp_path, capsys, monkeypatch):
+    """`evaluate` and `score` find the frozen split; a wrong byte in the cache is noticed and mended before its use."""
+    monkeypatch.setenv("EIGENBENCH_MIRRORS", str(hosted))
+    path, out = str(EXAMPLES / "bounding_box.py"), str(tmp_path / "run")
+    asked = ("--out", out, "--no-checks", "--no-report", "--isolation", "rlimits")
+    run("download", "--task", "tube", "--split", "test")
+    targets = Path(run("data", "path", "--task", "tube").strip()) / "targets-00000.h5"
+    wrong = bytearray(targets.read_bytes())
+    wrong[2560] ^= 1  # a label
+    for command in (("evaluate", path, "--task", "tube", *asked), ("score", out), ("report", out)):
+        capsys.readouterr()
+        targets.write_bytes(wrong)
+        app(list(command), standalone_mode=False)
+        assert "1 files in the cache hold wrong bytes and are mended first" in capsys.readouterr().err
+        assert run("data", "verify", "--json")["bad"] == {}
+    assert "equal to the stored result" in run("score", out)
+    manifest, result = frozen.frozen_split("tube", "test"), tmp_path / "run" / "result.json"
+    result.write_text(result.read_text().replace(manifest.digest, "0" * 64))
+    with pytest.raises(DataError, match="tube/test with digest 0000000000000000, are not the frozen split of data"):
+        run("score", out)
+
+
 def test_offline_and_no_rebuild(hosted, run, monkeypatch):
     """--offline asks no server; --no-rebuild makes nothing here; mirrors may come from the environment."""
     with mirror.serving(hosted) as server:
@@ -119,6 +148,7 @@ def test_wrong_arguments(run):
     for arguments, said in (
         (("download", "--task", "tub"), "Did you mean 'tube'"),
         (("download", "--task", "fit"), "no frozen splits"),
+        (("download", "--task", "paper"), "Task 'cylinder' has no frozen splits"),
         (("download", "--task", "tube", "--split", "val"), "Unknown split 'val'"),
         (("download", "--task", "tube", "--jobs", "0"), "jobs is 0"),
         (("download", "--task", "tube", "--mirror", "ftpx"), "is no folder"),

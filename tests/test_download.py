@@ -338,6 +338,11 @@ def test_options_are_checked(cache):
     for wrong, said in (({"jobs": 0}, "jobs is 0"), ({"timeout": 0.0}, "Timeout is 0.0")):
         with pytest.raises(UsageError, match=said):
             Options(**wrong)
-    for address, said in (("nowhere/at/all", "is no folder"), ("https://", "names no host")):
-        with pytest.raises(UsageError, match=said):
+    for address, said in (
+        ("nowhere/at/all", "is no folder"),
+        ("https://", "names no host"),
+        ("https://user:secret@host/x", "Mirror at host is named with a user"),
+    ):
+        with pytest.raises(UsageError, match=said) as failed:
             bringing.chosen_mirrors([address])
+        assert "secret" not in str(failed.value)

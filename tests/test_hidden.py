@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from material import EXAMPLES, model
 
-from eigenbench import cli_data
+from eigenbench import cli_splits
 from eigenbench.cli import app
 from eigenbench.commitments import Secret, check_commitment, commit, draw_secret, read_secret
 from eigenbench.dataset import load
@@ -135,7 +135,7 @@ def test_model_cannot_read_the_secret(tmp_path, cache):
 
 def test_fresh_split_and_its_gap(tmp_path, cache, small, monkeypatch, capsys):
     """A model that measures has no gap between the public and a fresh split; the gap is in the fresh run's result."""
-    monkeypatch.setattr(cli_data, "FRESH_PAIRS", 300)
+    monkeypatch.setattr(cli_splits, "FRESH_PAIRS", 300)
     path = str(EXAMPLES / "bounding_box.py")
     quick = ("--no-checks", "--no-report", "--isolation", "rlimits", "--out")
     run("evaluate", path, "--data", str(small / "tube" / "test"), *quick, str(tmp_path / "public"))

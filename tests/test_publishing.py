@@ -11,12 +11,11 @@ import pytest
 
 from eigenbench import publishing
 from eigenbench.bringing import Options, bring
-from eigenbench.cached_splits import cached_split, wrong_files
+from eigenbench.cached_splits import cached_split, checked, wrong_files
 from eigenbench.dataset import load
 from eigenbench.errors import DataError, UsageError
 from eigenbench.generators.generation import generate
 from eigenbench.manifest import read_manifest
-from eigenbench.shards import is_packed
 
 pytest.importorskip("pyarrow", reason="the index is Parquet")
 ADDRESS = "https://host.example/eigenbench"
@@ -50,8 +49,8 @@ def test_published_folder_is_a_mirror(made, published, tmp_path, monkeypatch):
         assert server.total < 0.6 * sum(p.stat().st_size for p in (made / "test").glob("*.h5"))
     assert wrong_files(frozen) == {}
     folder = cached_split(frozen)
-    assert is_packed(published / "0.9/tube/test/inputs-00000.h5", "inputs")
-    assert not is_packed(folder / "inputs-00000.h5", "inputs")
+    assert checked(published / "0.9/tube/test/inputs-00000.h5", ("inputs", 0), frozen).packed
+    assert not checked(folder / "inputs-00000.h5", ("inputs", 0), frozen).packed
     assert (
         load(published / "0.9/tube/test").column("env_points").tobytes() == load(folder).column("env_points").tobytes()
     )
