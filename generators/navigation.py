@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.errors import ShapeError
 from eigenbench.generators import free_floor
 from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import by_reference, kernel, referable
@@ -91,10 +92,15 @@ NavigationTables = tuple[Surface, Trees, Floors]
 
 
 def tables(stock: Stock) -> Tables:
-    """Return (rooms, their trees, their floors)."""
-    surface = stock.of(stock.roles[0]).surface
+    """Return (rooms, their trees, their floors); ShapeError where a room leaves the smallest robot no place to stand."""
+    library = stock.of(stock.roles[0])
+    surface = library.surface
     trees = build_trees(surface.triangles, surface.face_start)
     cells = [start_cells(surface, trees, k) for k in range(len(surface.face_start) - 1)]
+    for name, found in zip(library.names.tolist(), cells, strict=True):
+        if len(found) == 0:
+            msg = f"Room {name.decode()} has no free start: the smallest robot, {SMALLEST[0]} m wide, stands nowhere."
+            raise ShapeError(msg)
     starts = np.concatenate([[0], np.cumsum([len(c) for c in cells])]).astype(np.int64)
     floors = Floors(surface.category_start, starts, np.concatenate(cells), surface.face_start, trees.node_start)
     return surface, trees, floors
