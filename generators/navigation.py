@@ -92,7 +92,7 @@ NavigationTables = tuple[Surface, Trees, Floors]
 
 
 def tables(stock: Stock) -> Tables:
-    """Return (rooms, their trees, their floors); ShapeError where a room leaves the smallest robot no place to stand."""
+    """Return (rooms, their trees, their floors); ShapeError where a room leaves the smallest robot no start."""
     library = stock.of(stock.roles[0])
     surface = library.surface
     trees = build_trees(surface.triangles, surface.face_start)
