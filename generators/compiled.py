@@ -17,6 +17,7 @@ import numba
 from numba.core import config, types
 from numba.experimental import structref
 
+from eigenbench import shard_format
 from eigenbench.cache import cache_folder
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -24,9 +25,10 @@ R = TypeVar("R")
 
 
 def sources_digest() -> str:
-    """Return a digest of this folder's sources and of numba's version."""
+    """Return a digest of numba's version and of the sources of kernels and of their constants."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    constants = Path(str(shard_format.__file__))
+    for source in [*sorted(Path(__file__).parent.glob("*.py")), constants]:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
