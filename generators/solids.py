@@ -1,6 +1,6 @@
 """Meshes, and booleans of watertight ones and of plane regions. The only module that knows manifold3d."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,14 @@ class Mesh:
 
     vertices: Points
     faces: Faces
+
+
+def in_order(values: Iterable[float]) -> float:
+    """Return the sum of values, one after the other: from Python 3.12 on `sum` adds floats in another way."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
 
 
 def volume(mesh: Mesh) -> float:

@@ -8,7 +8,7 @@ from numpy.random import Generator
 from eigenbench.generators.joinery import INHABITANTS, INTO, Assembly, handle_bar, knob, legs, rectangle
 from eigenbench.generators.primitives import box, frame
 from eigenbench.generators.shapes import Cavity, Shape, Top
-from eigenbench.generators.solids import Mesh
+from eigenbench.generators.solids import Mesh, in_order
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,7 @@ def _rows(rng: Generator, kind: Kind, z0: float, z1: float, board: float) -> lis
         left -= number * (height + board)
     if not cells:
         return [(z0, z1, str(rng.choice(list(kind.cell))))]
-    stretch = (z1 - z0 - (len(cells) - 1) * board) / sum(height for height, _ in cells)
+    stretch = (z1 - z0 - (len(cells) - 1) * board) / in_order(height for height, _ in cells)
     if rng.uniform() < 0.7:
         cells.sort(key=lambda c: c[1] != "drawer")
     rows, at = [], z0

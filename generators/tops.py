@@ -22,6 +22,7 @@ from eigenbench.generators.solids import (
     Mesh,
     bridged,
     connected,
+    in_order,
     loop_area,
     simplified,
     union_outline,
@@ -121,7 +122,7 @@ def _outline(patch: Points, above: Points) -> Points | None:
     region = union_outline(patch[:, :, :2])
     if len(region) > 1:
         region = bridged(region, GAP)
-    total = sum(loop_area(loop) for loop in region)
+    total = in_order(loop_area(loop) for loop in region)
     region = [loop for loop in region if loop_area(loop) > 0 or -loop_area(loop) >= SMALL_HOLE * total]
     pieces = connected(simplified(without(region, union_outline(above)), _ROUNDING))
     if not pieces:
