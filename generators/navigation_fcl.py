@@ -32,7 +32,7 @@ def reference(pair: Pair) -> Sweep:
     robot_from_room = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     vertices, faces = swept_prism(diameter, height)
     room_at = np.array([x, y, 0.0])
-    corners = (np.unique(library.triangles(pair.env_index).reshape(-1, 3), axis=0) - room_at) @ robot_from_room.T
+    corners = (library.triangles(pair.env_index).reshape(-1, 3) - room_at) @ robot_from_room.T
     between = (corners[:, 2] > CLEARANCE) & (corners[:, 2] < height)
     along = np.clip(corners[:, 0], 0.0, FORWARD)
     swallowed = bool(np.any(between & (np.hypot(corners[:, 0] - along, corners[:, 1]) < diameter / 2)))
