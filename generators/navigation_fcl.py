@@ -8,6 +8,7 @@ from eigenbench.generators.family import Pair
 from eigenbench.generators.fcl_engine import Faces, Flags, Model, Points, Sweep, closed_prism, mesh_model, soup_model
 from eigenbench.generators.library import Library
 from eigenbench.generators.passing import CLEARANCE, FORWARD
+from eigenbench.shard_format import LENGTH_BITS
 
 ARC = 96
 """Sides of each half circle of the prism that FCL sees, circumscribed: 1.4e-4 of the radius too large at most."""
@@ -25,7 +26,7 @@ def swept_prism(diameter: float, height: float, forward: float = FORWARD) -> tup
 def reference(pair: Pair) -> Sweep:
     """Return the pair as FCL sees it; the placement is where the robot ends, in its own frame.
 
-    FCL's meshes are hollow: what lies wholly within the prism is found by its corners.
+    There is one placement, and no other is free. FCL's meshes are hollow: what lies wholly within the prism is found by its corners.
     """
     x, y, c, s, diameter, height = pair.sizes[:6].tolist()
     library, end = pair.stock.of(pair.stock.roles[0]), np.asarray([FORWARD, 0.0, 0.0])
@@ -39,7 +40,8 @@ def reference(pair: Pair) -> Sweep:
     thing = mesh_model(vertices @ robot_from_room + room_at - end, faces)
 
     def inside(placements: Points) -> Flags:
-        return np.full(len(placements), not swallowed)
+        at_end = np.abs(placements - end).max(axis=1) < 2.0**-LENGTH_BITS
+        return np.asarray(at_end & (not swallowed))
 
     return Sweep.of(_walls(library, pair.env_index), thing, inside)
 
