@@ -26,7 +26,9 @@ def swept_prism(diameter: float, height: float, forward: float = FORWARD) -> tup
 def reference(pair: Pair) -> Sweep:
     """Return the pair as FCL sees it; the placement is where the robot ends, in its own frame.
 
-    There is one placement, and no other is free. FCL's meshes are hollow: what lies wholly within the prism is found by its corners.
+    There is one placement, and no other is free.
+
+    FCL's meshes are hollow: what lies wholly within the prism is found by its corners.
     """
     x, y, c, s, diameter, height = pair.sizes[:6].tolist()
     library, end = pair.stock.of(pair.stock.roles[0]), np.asarray([FORWARD, 0.0, 0.0])
