@@ -12,7 +12,8 @@ from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.learner import products_in
-from eigenbench.baselines.pointnet import Form, has_bf16_units
+from eigenbench.baselines.fast_points import has_bf16_units
+from eigenbench.baselines.pointnet import Form
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.tasks import TASKS
 

@@ -10,7 +10,8 @@ from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded, projected_lengths
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.layers import log_success
-from eigenbench.baselines.pointnet import PointNet, winners
+from eigenbench.baselines.fast_points import winners
+from eigenbench.baselines.pointnet import PointNet
 from eigenbench.tasks import TASKS
 
 MODELS = (Direct, Implicit, Grounded)
@@ -78,7 +79,7 @@ def test_float32_step_stays_within_rounding(model):
 @pytest.mark.parametrize("units", [True, False])
 def test_winners_lose_no_more_than_the_bound(monkeypatch, units):
     """The point found has a product within the stated rounding of the largest, with bf16 units and without."""
-    monkeypatch.setattr("eigenbench.baselines.pointnet.has_bf16_units", lambda: units)
+    monkeypatch.setattr("eigenbench.baselines.fast_points.has_bf16_units", lambda: units)
     draw = torch.Generator().manual_seed(5)
     points, weight = (torch.randn(s, generator=draw) for s in ((4, 1000, 128), (512, 128)))
     index = winners(points, weight)
