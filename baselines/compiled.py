@@ -51,9 +51,7 @@ def products_at(points: Floats, weight: Floats, index: Indices, found: Floats) -
 
 
 @_kernel
-def pull_at(
-    points: Floats, weight: Floats, index: Indices, pull: Floats, of_points: Floats, of_weight: Floats
-) -> None:
+def pull_at(points: Floats, weight: Floats, index: Indices, pull: Floats, of_points: Floats, of_weight: Floats) -> None:
     """Add to of_points (B, N, K) and of_weight (C, K) the gradients of `products_at`, whose own is pull (B, C)."""
     for cloud in range(len(points)):
         for channel in range(len(weight)):

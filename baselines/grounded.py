@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eigenbench.baselines.layers import HIDDEN, cross_entropy, groups_of, head, log_success
 from eigenbench.baselines.fast_points import SLOPE
+from eigenbench.baselines.layers import HIDDEN, cross_entropy, groups_of, head, log_success
 from eigenbench.baselines.pointnet import WIDTHS, Form, PointLayer, PointNet, moments_of, through
 from eigenbench.tasks import TaskSpec
 

@@ -9,10 +9,10 @@ import time
 import torch
 
 from eigenbench.baselines.direct import Direct
+from eigenbench.baselines.fast_points import has_bf16_units
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.learner import products_in
-from eigenbench.baselines.fast_points import has_bf16_units
 from eigenbench.baselines.pointnet import Form
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.tasks import TASKS
