@@ -4,7 +4,8 @@ They run on one thread and in a fixed order, so that a training repeats to the l
 in any order of the processor's choice; that order is the same on every call.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numba
 from numpy.typing import NDArray
@@ -12,8 +13,17 @@ from numpy.typing import NDArray
 Floats = NDArray[Any]
 Indices = NDArray[Any]
 
-_exact: Any = numba.njit(nogil=True, error_model="numpy")
-_kernel: Any = numba.njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def _exact(function: F) -> F:
+    compiled: F = numba.njit(nogil=True, error_model="numpy")(function)
+    return compiled
+
+
+def _in_any_order(function: F) -> F:
+    compiled: F = numba.njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})(function)
+    return compiled
 
 
 @_exact
@@ -38,7 +48,7 @@ def first_largest(bits: Indices, found: Indices) -> None:
         found[row] = first
 
 
-@_kernel
+@_in_any_order
 def products_at(points: Floats, weight: Floats, index: Indices, found: Floats) -> None:
     """Write into found (B, C) the product of each row of W (C, K) with the point (B, N, K) that index (B, C) names."""
     for cloud in range(len(points)):
@@ -50,7 +60,7 @@ def products_at(points: Floats, weight: Floats, index: Indices, found: Floats) -
             found[cloud, channel] = total
 
 
-@_kernel
+@_in_any_order
 def pull_at(points: Floats, weight: Floats, index: Indices, pull: Floats, of_points: Floats, of_weight: Floats) -> None:
     """Add to of_points (B, N, K) and of_weight (C, K) the gradients of `products_at`, whose own is pull (B, C)."""
     for cloud in range(len(points)):

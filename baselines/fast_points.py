@@ -5,6 +5,7 @@ pointnet.py says why this is the same; each function here has its gradient writt
 
 import torch
 from torch import Tensor
+from torch.autograd.function import FunctionCtx
 from torch.nn import functional
 
 from eigenbench.baselines.compiled import first_largest, products_at, pull_at
@@ -13,8 +14,6 @@ SLOPE = 0.01
 """LeakyReLU's slope below zero; the paper does not say, this is PyTorch's."""
 PART = 1024
 """Points that go through a layer at once on a CPU: their features stay in its cache."""
-
-Context = torch.autograd.function.FunctionCtx
 
 
 class Lifted(torch.autograd.Function):
@@ -26,7 +25,7 @@ class Lifted(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Context, points: Tensor, weight: Tensor, shift: Tensor, moments: bool) -> tuple[Tensor, ...]:
+    def forward(ctx: FunctionCtx, points: Tensor, weight: Tensor, shift: Tensor, moments: bool) -> tuple[Tensor, ...]:
         """Return the features (P, C), and if asked their mean (C,) and covariance (C, C)."""
         made = points.new_empty(len(points), len(weight))
         total, squares = torch.zeros_like(shift), shift.new_zeros(len(shift), len(shift))
@@ -41,7 +40,7 @@ class Lifted(torch.autograd.Function):
         return (made, mean, squares / len(points) - torch.outer(mean, mean)) if moments else (made,)
 
     @staticmethod
-    def backward(ctx: Context, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+    def backward(ctx: FunctionCtx, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         """Return the gradients of points, weight and shift."""
         points, weight, made, mean = ctx.saved_tensors
         of_made, of_mean, of_covariance = (*gradients, None, None)[:3]
@@ -51,7 +50,7 @@ class Lifted(torch.autograd.Function):
         start = 0
         for some, place in zip(_parts(points), _parts(made), strict=True):
             end = start + len(some)
-            pull = torch.zeros_like(place) if slope is None else torch.addmm(level, place, slope)
+            pull = level.repeat(len(place), 1) if slope is None else torch.addmm(level, place, slope)
             if of_made is not None:
                 pull += of_made[start:end]
             torch.ops.aten.leaky_relu_backward.grad_input(pull, place, SLOPE, True, grad_input=pull)
@@ -97,7 +96,7 @@ class ProductsAt(torch.autograd.Function):
     """Products (B, C) of the rows of W (C, K) with one chosen point each, index (B, C), of clouds (B, N, K)."""
 
     @staticmethod
-    def forward(ctx: Context, points: Tensor, weight: Tensor, index: Tensor) -> Tensor:
+    def forward(ctx: FunctionCtx, points: Tensor, weight: Tensor, index: Tensor) -> Tensor:
         """Return the products."""
         ctx.save_for_backward(points, weight, index)
         found = points.new_empty(index.shape)
@@ -105,7 +104,7 @@ class ProductsAt(torch.autograd.Function):
         return found
 
     @staticmethod
-    def backward(ctx: Context, gradient: Tensor) -> tuple[Tensor, Tensor, None]:
+    def backward(ctx: FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor, None]:
         """Return the gradients of points and weight."""
         points, weight, index = ctx.saved_tensors
         of_points, of_weight = torch.zeros_like(points), torch.zeros_like(weight)
