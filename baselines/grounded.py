@@ -15,8 +15,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from eigenbench.baselines.fast_points import SLOPE
 from eigenbench.baselines.layers import HIDDEN, cross_entropy, groups_of, head, log_success
-from eigenbench.baselines.pointnet import SLOPE, WIDTHS, Form, PointLayer, PointNet, folded_layer
+from eigenbench.baselines.pointnet import WIDTHS, Form, PointLayer, PointNet, moments_of, through
 from eigenbench.tasks import TaskSpec
 
 SEEN = 256
@@ -44,7 +45,10 @@ class WeightNet(nn.Module):
         mixed = self.mix_point(each) + self.mix_global(whole)[:, None]
         mixed = functional.leaky_relu(self.norm(mixed.view(batch * count, -1)), SLOPE)
         shared = self.shared(mixed)
-        hidden = folded_layer(self.hidden, shared) if self.backbone.form == "fast" else self.hidden(shared)
+        if self.backbone.form == "plain":
+            hidden = self.hidden(shared)
+        else:
+            hidden, _ = through(self.hidden, shared, moments_of(shared) if self.training else None, onward=False)
         heads = hidden @ torch.block_diag(*self.output[:, None]).t()  # each head reads its own hidden channels
         return torch.softmax(heads.view(batch, count, -1).transpose(1, 2), 2)
 

@@ -6,7 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eigenbench.baselines.pointnet import SLOPE, WIDTHS
+from eigenbench.baselines.fast_points import SLOPE
+from eigenbench.baselines.pointnet import WIDTHS
 from eigenbench.records import Groups
 from eigenbench.tasks import TaskSpec
 

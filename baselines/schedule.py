@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from eigenbench.baselines.pointnet import FORMS, has_bf16_units
+from eigenbench.baselines.fast_points import has_bf16_units
+from eigenbench.baselines.pointnet import FORMS
 from eigenbench.errors import UsageError, choose
 from eigenbench.shard_format import POINTS
 

@@ -9,46 +9,58 @@ import time
 import torch
 
 from eigenbench.baselines.direct import Direct
+from eigenbench.baselines.fast_points import has_bf16_units
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.learner import products_in
-from eigenbench.baselines.pointnet import Form, has_bf16_units
+from eigenbench.baselines.pointnet import Form
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.tasks import TASKS
 
-BATCH, POINTS = 32, 1024
+BATCH, POINTS, ROUNDS = 32, 1024, 5
 
 
-def step_seconds(model: type, form: Form, steps: int, points: int = POINTS) -> float:
-    """Return the least seconds of a step on random clouds."""
-    torch.manual_seed(0)
-    net = model(TASKS["tube"], form)
-    adam = torch.optim.Adam(net.parameters(), fused=True)
-    env, obj, label = torch.rand(BATCH, points, 3), torch.rand(BATCH, points, 3), torch.arange(BATCH) % 2 == 0
-    least = float("inf")
-    for _ in range(steps):
-        start = time.perf_counter()
-        adam.zero_grad()
-        net.loss(env, obj, label).backward()
-        adam.step()
-        least = min(least, time.perf_counter() - start)
-    return least
+class Steps:
+    """A model in training on random clouds, and the least seconds of a step so far."""
+
+    def __init__(self, model: type, form: Form, points: int = POINTS, precision: str = "float32") -> None:
+        torch.manual_seed(0)
+        self.net = model(TASKS["tube"], form)
+        self.adam = torch.optim.Adam(self.net.parameters(), fused=True)
+        self.clouds = torch.rand(BATCH, points, 3), torch.rand(BATCH, points, 3)
+        self.label = torch.arange(BATCH) % 2 == 0
+        self.precision, self.seconds = precision, float("inf")
+
+    def take(self, steps: int = 1) -> None:
+        """Take some steps."""
+        for _ in range(steps):
+            start = time.perf_counter()
+            self.adam.zero_grad()
+            with products_in(self.precision):
+                self.net.loss(*self.clouds, self.label).backward()
+            self.adam.step()
+            self.seconds = min(self.seconds, time.perf_counter() - start)
 
 
 def main() -> None:
-    """Print a line for each model: float32 in both forms, then what the short schedule does of it."""
+    """Print a line for each model: float32 in both forms, then what the short schedule does of it.
+
+    All take steps in turn, so that whatever else the machine does slows them alike.
+    """
     torch.set_flush_denormal(True)
     print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, bf16 units: {has_bf16_units()}")
     few = Schedule().points
     for model in (Implicit, Direct, Grounded):
-        fast, plain = step_seconds(model, "fast", 10), step_seconds(model, "plain", 3)
-        with products_in("bf16"):
-            half, short = step_seconds(model, "fast", 10), step_seconds(model, "fast", 20, few)
-        print(
-            f"{model.__name__}: plain {1e3 * plain:.0f} ms, fast {1e3 * fast:.0f} ms, {plain / fast:.1f} times; bf16 products "
-            f"{1e3 * half:.0f} ms, {plain / half:.1f} times; {few} points {1e3 * short:.0f} ms, {plain / short:.1f} times",
-            flush=True,
-        )
+        plain, fast = Steps(model, "plain"), Steps(model, "fast")
+        half, short = Steps(model, "fast", precision="bf16"), Steps(model, "fast", few, "bf16")
+        for _ in range(ROUNDS):
+            plain.take()
+            for one in (fast, half, short):
+                one.take(3)
+        told = [f"plain {1e3 * plain.seconds:.0f} ms"]
+        for name, one in (("fast", fast), ("bf16 products", half), (f"{few} points", short)):
+            told.append(f"{name} {1e3 * one.seconds:.0f} ms, {plain.seconds / one.seconds:.1f} times")
+        print(f"{model.__name__}: {'; '.join(told)}", flush=True)
 
 
 if __name__ == "__main__":
