@@ -69,7 +69,7 @@ def section(key: Key, pair: int, attempt: int, index: int) -> float:
 @kernel
 def held_by(sides: Floats, y: float, z: float) -> float:
     """Return the size at which an object of extents y and z just fits one of two tubes, widths and heights (4,)."""
-    return max(min(sides[0] / y, sides[1] / z), min(sides[2] / y, sides[3] / z))
+    return float(max(min(sides[0] / y, sides[1] / z), min(sides[2] / y, sides[3] / z)))
 
 
 @kernel

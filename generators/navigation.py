@@ -17,12 +17,11 @@ from eigenbench.generators.compiled import by_reference, kernel, referable
 from eigenbench.generators.depth_camera import RANGE, Eye, look
 from eigenbench.generators.family import Family, Stock, Tables
 from eigenbench.generators.navigation_fcl import reference
-from eigenbench.generators.object_sizes import is_between, size_between, size_object
+from eigenbench.generators.object_sizes import NEAR, is_between, size_between, size_object
 from eigenbench.generators.pairs import (
     ENV_SHAPE,
     KEEP,
     LENGTH_0,
-    NEAR,
     OTHER_SHAPE,
     OUTLINE,
     SIDES,
@@ -116,7 +115,7 @@ def start_cells(rooms: Surface, trees: Trees, room: int) -> Floats:
     face, node = rooms.face_start[room], trees.node_start[room]
     free_floor.stand_in_cells(rooms.triangles, by_reference(trees), face, node, grid, *SMALLEST, free)
     found = np.argwhere(region == free_floor.regions(free, region)) if free.any() else np.zeros((0, 2))
-    return np.array([grid.x, grid.y]) + (found + 0.5) * grid.spacing
+    return np.asarray(np.array([grid.x, grid.y]) + (found + 0.5) * grid.spacing)
 
 
 @kernel
@@ -167,7 +166,7 @@ def free_width(tables: NavigationTables, room: int, way: Way) -> float:
     rooms, trees, floors = tables
     face, node = floors.face_start[room], floors.node_start[room]
     square = distance_to_room(rooms.triangles, trees, face, node, way, CLEARANCE, SMALLEST[1], 0.5 * WIDEST, 0.0)
-    return min(WIDEST, max(CLEARANCE, 2.0 * np.sqrt(square)))
+    return float(min(WIDEST, max(CLEARANCE, 2.0 * np.sqrt(square))))
 
 
 @kernel
