@@ -18,6 +18,7 @@ CELL = 0.1
 """Side of a cell, m."""
 ALONG = 0.01
 """A path is looked at in places that far apart, m."""
+_ROUNDING = 1e-9
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -48,7 +49,7 @@ class FreeFloor:
         inside = np.argwhere(self.cells)
         found = np.zeros_like(self.cells)
         distance, _ = cKDTree(along(places)).query(self.corner + CELL * inside, distance_upper_bound=self.radius + CELL)
-        near = inside[distance <= self.radius]
+        near = inside[distance <= self.radius + _ROUNDING]
         found[near[:, 0], near[:, 1]] = True
         return found
 
@@ -85,4 +86,4 @@ def free_floor(room: Room, start: Floats, size: Floats) -> FreeFloor:
     stands[-first[0], -first[1]] = True  # the start itself: it is free, and its heading changes nothing
     names, _ = label(stands)
     connected = names == names[-first[0], -first[1]]
-    return FreeFloor(corner, distance_transform_edt(~connected) * CELL <= radius, radius)
+    return FreeFloor(corner, distance_transform_edt(~connected) * CELL <= radius + _ROUNDING, radius)

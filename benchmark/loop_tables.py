@@ -14,9 +14,9 @@ _TITLES = {
     "distance": ("distance, m", TWO_PLACES),
     "reached": ("floor covered", PERCENT),
     "collisions": ("collisions", TWO_PLACES),
-    "collided": ("robots that collide", PERCENT),
+    "collided": ("colliding robots", PERCENT),
     "stuck": ("stuck", PERCENT),
-    "touching": ("forward steps that touch", PERCENT),
+    "touching": ("touching steps", PERCENT),
     "agreement": ("right decisions", PERCENT),
 }
 

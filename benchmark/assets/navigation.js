@@ -3,7 +3,7 @@
 (() => {
   const MOVES = ["ended", "turns", "goes forward", "collides"];
   const STEP_MS = 110;
-  const MOST = 4;
+  const MOST = 2;
   const SVG = "http://www.w3.org/2000/svg";
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const made = (name, attributes) => {
@@ -25,7 +25,7 @@
     const marks = [
       made("path", { class: "sight", d: `M${sight} ${-sight * wide}L0 0L${sight} ${sight * wide}` }),
       made("circle", { r: radius }),
-      made("line", { x2: radius }),
+      made("line", { class: "nose", x2: radius }),
       made("line", { class: `says ${says}`, x1: ahead, x2: ahead, y1: -half, y2: half }),
     ];
     const robot = svg.querySelector(".robot");
@@ -62,7 +62,9 @@
     const column = (y) => (1 - y / depth / tanWide) * 0.5 * width;
     const row = (z) => (1 - (z - up) / depth / tanHigh) * 0.5 * height;
     const half = Math.min(wide ?? drive.size[0], MOST) / 2;
-    const [left, right, top, bottom] = [column(half), column(-half), row(Math.min(high ?? drive.size[1], MOST)), row(0)];
+    const within = (value, most) => Math.min(Math.max(value, 3), most - 3);
+    const [left, right] = [column(half), column(-half)].map((value) => within(value, width));
+    const [top, bottom] = [row(Math.min(high ?? drive.size[1], MOST)), row(0)].map((value) => within(value, height));
     pen.strokeStyle = colour(drive.moves[step] === "1" ? "--bad" : "--good");
     pen.fillStyle = pen.strokeStyle;
     pen.lineWidth = 4;
