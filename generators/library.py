@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from platform import node
 from zipfile import BadZipFile
@@ -84,13 +85,15 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
 
     UsageError for another source, ShapeError where no usable shape is left.
     """
+    if role == "room" and parse_source(source).kind != "default":
+        return _rooms(source, split)
     if parse_source(source).kind != "default":
         return _pack(*_measured(*load_shapes(source, role, split), role), metric=False)
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    library = _pack(*load_shapes(source, role, split), metric=True)
+    library = _rooms(source, split) if role == "room" else _pack(*load_shapes(source, role, split), metric=True)
     write_text_atomically(note, library.path.name)
     return library
 
@@ -140,6 +143,12 @@ def find_library(wanted: LibraryReference) -> Library:
 def _place(digest: str) -> Path:
     """Return where the cache keeps a library."""
     return cache_folder() / "shapes" / f"{digest[:32]}.npz"
+
+
+def _rooms(source: str, split: str) -> Library:
+    from eigenbench.generators.room_library import load_rooms  # here, since rooms are furnished from libraries
+
+    return pack_in_place(load_rooms(source, split))
 
 
 def _measured(shapes: list[Shape], refused: dict[str, str], role: str) -> tuple[list[Shape], dict[str, str]]:
@@ -240,6 +249,27 @@ def _pack(shapes: list[Shape], refused: dict[str, str], metric: bool) -> Library
         metric,
         refused,
     )
+
+
+def pack_in_place(soups: dict[str, NDArray[np.float64]]) -> Library:
+    """Pack triangles (f, 3, 3) by their `category/name`, sorted by it, as they stand in metres: size 1 is a metre.
+
+    Their hulls are the corners of their boxes; no points are drawn on them.
+    """
+    categories = np.array([_short(name.partition("/")[0], _CATEGORY_BYTES) for name in soups], f"S{_CATEGORY_BYTES}")
+    boxes = [np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]) for corners in soups.values()]
+    faces = [len(corners) for corners in soups.values()]
+    surface = Surface(
+        np.concatenate([np.stack([c[:, 0], c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]], axis=1) for c in soups.values()]),
+        np.full(sum(faces), np.uint32(0xFFFFFFFF)),
+        np.concatenate([np.arange(n, dtype=np.int32) for n in faces]),
+        _starts(faces),
+        np.concatenate([np.array(list(product(*box.T))) for box in boxes]),
+        _starts([8] * len(boxes)),
+        _starts([n for _, n in sorted(Counter(categories.tolist()).items())]),
+    )
+    names = np.array([_short(name, _NAME_BYTES) for name in soups], dtype=f"S{_NAME_BYTES}")
+    return _store(surface, names, categories, np.ones(len(boxes)), (Measures(),) * len(boxes), True, {})
 
 
 def _short(text: str, size: int) -> bytes:

@@ -18,7 +18,13 @@ from eigenbench.generators.listing import TEST_SHARES, Entry, Listing, contents,
 from eigenbench.generators.shapes import Shape
 from eigenbench.generators.solids import Mesh
 
-OPTIONS: dict[str, tuple[str, ...]] = {"default": (), "meshes": ("up",), "partnet": ("lists",), "shapenet": ()}
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "default": (),
+    "meshes": ("up",),
+    "partnet": ("lists",),
+    "scene": (),
+    "shapenet": (),
+}
 """The kinds of source, and the options of each."""
 FOLDER_OPTIONS = ("lists",)
 """The options that name a folder."""
