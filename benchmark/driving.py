@@ -8,7 +8,7 @@ frame: origin on the floor under the robot's axis, x forward, y left.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,6 @@ Bools = NDArray[np.bool_]
 Clouds = NDArray[np.float32]
 
 
-class Outline(NamedTuple):
-    """A solid from above: corners (k, 2) in m, from which height to which it reaches, m."""
-
-    corners: Floats
-    low: float
-    high: float
-
-
 class Room(Protocol):
     """A room as the loop needs it. Poses (n, 3); sizes (n, 2) are the robots' diameters and heights, m.
 
@@ -53,6 +45,9 @@ class Room(Protocol):
     @property
     def floor(self) -> Floats: ...  # noqa: D102
 
+    def places(self, size: Floats) -> Floats:
+        """Return places (m, 2) on a grid, m, where a robot of size (diameter, height) can start."""
+
     def free(self, poses: Floats, sizes: Floats) -> Bools:
         """Say (n,) whether a robot can stand there, touching nothing."""
 
@@ -60,10 +55,7 @@ class Room(Protocol):
         """Say (n,) whether a robot can go forward by 0.2 m from there, touching nothing."""
 
     def views(self, poses: Floats) -> Clouds:
-        """Return (n, M, 3): what the depth camera sees there, in the robot's frame."""
-
-    def outlines(self) -> Sequence[Outline]:
-        """Return what stands and hangs in the room, for drawing."""
+        """Return (n, M, 3): what the depth camera sees there, in the robot's frame; a function of the pose alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,12 +1,12 @@
 """Top views of rooms as small SVG: free floor, what a robot covered, its path, where it touched something."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
-from eigenbench.driving import COLLIDED, FORWARD, Floats, Outline
+from eigenbench.driving import COLLIDED, FORWARD, Floats, Room
 from eigenbench.floor_cells import CELL
 from eigenbench.loop_record import Told
 from eigenbench.markup import Html, tag
@@ -14,6 +14,10 @@ from eigenbench.markup import Html, tag
 SCALE = 60.0
 """User units of a metre."""
 _EDGE = 0.12
+_FINE, _POLE = 0.05, 0.06
+"""Furniture is drawn in cells of that side, where a pole of that diameter cannot stand, m."""
+_TALL = 1.8
+"""What is higher than this is not drawn, m."""
 _CROSS = 0.07
 _ARROW = 0.5
 
@@ -53,7 +57,7 @@ def top_view(told: Told, robot: int, policy: str = "model", *, live: bool = Fals
         _polygon(sheet, room.floor, "floor"),
         tag("path", d=_cells(sheet, floor.cells, floor.corner), class_="free"),
         tag("path", d=_cells(sheet, floor.covered(places), floor.corner), class_="covered"),
-        *_furniture(sheet, room.outlines(), float(told.fleet.sizes[robot, 1])),
+        *_furniture(sheet, room, told.fleet.starts[robot], float(told.fleet.sizes[robot, 1])),
         _line(sheet, places, "path"),
         _crosses(sheet, _touched(told, robot, policy)),
         _start(sheet, told.fleet.starts[robot], float(told.fleet.sizes[robot, 0]) / 2),
@@ -70,21 +74,47 @@ def _polygon(sheet: Sheet, corners: Floats, class_: str) -> Html:
     return tag("polygon", points=" ".join(f"{x},{y}" for x, y in sheet.at(corners)), class_=class_)
 
 
-def _furniture(sheet: Sheet, outlines: Sequence[Outline], height: float) -> list[Html]:
-    """Return solids from above: those that the robot can touch, then those that it goes under."""
-    low = [_polygon(sheet, o.corners, "solid") for o in outlines if o.low < height]
-    return low + [_polygon(sheet, o.corners, "overhead") for o in outlines if o.low >= height]
+def _furniture(sheet: Sheet, room: Room, start: Floats, height: float) -> list[Html]:
+    """Return what a robot of that height can touch, and what it goes under but a higher one does not."""
+    low, high = (_clear(room, start, h) for h in (height, max(height, _TALL)))
+    corner = _first(room, start)[1]
+    solid = tag("path", d=_cells(sheet, ~low, corner, _FINE), class_="solid")
+    return [solid, tag("path", d=_cells(sheet, low & ~high, corner, _FINE), class_="overhead")]
 
 
-def _cells(sheet: Sheet, cells: NDArray[np.bool_], corner: Floats) -> str:
+def _clear(room: Room, start: Floats, height: float) -> NDArray[np.bool_]:
+    """Return the fine cells where a pole of that height can stand, all connected: with the start, or the most.
+
+    Inside of closed furniture a pole touches nothing either; but nothing leads there.
+    """
+    _, corner, shape = _first(room, start)
+    places = corner + _FINE * np.argwhere(np.ones(shape, np.bool_))
+    poses = np.concatenate([places, np.zeros((len(places), 1))], axis=1)
+    size = np.repeat([[_POLE, height]], len(poses), axis=0)
+    stands = room.free(poses, size).reshape(shape)
+    names, _ = label(stands)
+    near = names[tuple(np.round((start[:2] - corner) / _FINE).astype(np.int64))]
+    chosen = near or int(np.bincount(names[stands], minlength=2).argmax())
+    return np.asarray(stands & (names == chosen))
+
+
+def _first(room: Room, start: Floats) -> tuple[Floats, Floats, tuple[int, int]]:
+    """Return the floor's lowest corner, the middle of the first fine cell, and how many there are; one is the start."""
+    low, high = room.floor.min(axis=0), room.floor.max(axis=0)
+    first = np.ceil((low - start[:2]) / _FINE)
+    count = np.floor((high - start[:2]) / _FINE) - first + 1
+    return low, start[:2] + _FINE * first, (int(count[0]), int(count[1]))
+
+
+def _cells(sheet: Sheet, cells: NDArray[np.bool_], corner: Floats, cell: float = CELL) -> str:
     """Return cells as one path: a bar for each run of them along y."""
-    side = CELL * SCALE
+    side = round(cell * SCALE, 3)
     bars = []
     edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     for row in np.flatnonzero(cells.any(axis=1)):
         starts, ends = np.flatnonzero(edges[row] == 1), np.flatnonzero(edges[row] == -1)
         for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
-            top = corner + CELL * np.array([row - 0.5, b - 0.5])
+            top = corner + cell * np.array([row - 0.5, b - 0.5])
             x, y = sheet.at(top[None])[0]
             bars.append(f"M{x} {y}h{side:g}v{(b - a) * side:g}h{-side:g}z")
     return "".join(bars)

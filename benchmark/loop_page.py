@@ -9,7 +9,7 @@ import numpy as np
 from eigenbench.errors import printable
 from eigenbench.loop_drawing import top_view
 from eigenbench.loop_frames import frames
-from eigenbench.loop_record import Camera, Told
+from eigenbench.loop_record import Told
 from eigenbench.loop_tables import difference_table, policy_table
 from eigenbench.markup import Html, embedded_json, join, page, section, tag
 from eigenbench.report_html import facts, table_html
@@ -29,15 +29,15 @@ _KEY = (
 )
 
 
-def write_loop_page(path: Path, told: Told, result: Mapping[str, Any], camera: Camera) -> Path:
+def write_loop_page(path: Path, told: Told, result: Mapping[str, Any]) -> Path:
     """Write the page of a run and return its path; UsageError or DataError where that cannot be."""
-    return write_page(path, render_loop_page(told, result, camera))
+    return write_page(path, render_loop_page(told, result))
 
 
-def render_loop_page(told: Told, result: Mapping[str, Any], camera: Camera) -> str:
+def render_loop_page(told: Told, result: Mapping[str, Any]) -> str:
     """Return the page of a run as one HTML document."""
     title = f"{result['model']['file']} in {result['scores']['rooms']} rooms"
-    body = tag("main", _scores(result), _played(told, camera), _rooms(told), _provenance(result), id="main")
+    body = tag("main", _scores(result), _played(told), _rooms(told), _provenance(result), id="main")
     return page(
         f"{printable(title)} · eigenbench",
         join([_header(result, title), body]),
@@ -83,7 +83,7 @@ def _scores(result: Mapping[str, Any]) -> Html:
     return section("scores", "Scores", tag("p", why, class_="note") if why else None, *tables)
 
 
-def _played(told: Told, camera: Camera) -> Html:
+def _played(told: Told) -> Html:
     chosen = told.chosen(PLAYED)
     lines = [
         f"{side}: slot {line.slot}, {line.slope:.3g} times its length {line.offset:+.3g} m, R2 {line.r2:.2f} on robots"
@@ -97,7 +97,7 @@ def _played(told: Told, camera: Camera) -> Html:
     words += "Green where it says that the robot passes, red where not. The robots stand in the middle of "
     words += f"{len(chosen)} equal shares, ordered by what they covered."
     figures = [_figure(told, robot, number) for number, robot in enumerate(chosen)]
-    data = embedded_json([frames(told, robot, camera) for robot in chosen], "frames")
+    data = embedded_json([frames(told, robot) for robot in chosen], "frames")
     return section("paths", "Paths to play", tag("p", words, class_="note"), _keys(), *figures, data)
 
 

@@ -13,24 +13,6 @@ from eigenbench.loop_scores import Counts
 from eigenbench.records import Arrays, Groups
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """Where the depth camera sits in the robot's frame, and what it sees.
-
-    Attributes
-    ----------
-    forward, height : of its centre, m; it looks along x
-    wide, high : its field of view, degrees
-    reach : its range, m
-    """
-
-    forward: float
-    height: float
-    wide: float
-    high: float
-    reach: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Driven:
     """A model's paths and what it answered on them.

@@ -28,7 +28,7 @@ from eigenbench.hosting import HostedModel, HostOptions, split_model_name
 from eigenbench.journal import Journal, begun
 from eigenbench.loop_files import NAVIGATION, NAVIGATION_VERSION, PAGE, paths_digest, write_loop
 from eigenbench.loop_page import write_loop_page
-from eigenbench.loop_record import Camera, Driven, Told
+from eigenbench.loop_record import Driven, Told
 from eigenbench.loop_scores import Counts, score
 from eigenbench.model_driver import ModelDriver
 from eigenbench.provenance import ModelDigests, hardware, model_digests
@@ -47,14 +47,12 @@ class Course:
     fleet : the robots and their rooms
     seed : of starts, sizes and the random policy
     about : what rooms and robots were asked for, as it stands in the result
-    camera : how the views are taken, for drawing them
     task : the task that the model is built for
     """
 
     fleet: Fleet
     seed: int
     about: dict[str, Any]
-    camera: Camera
     task: TaskSpec
 
 
@@ -121,7 +119,7 @@ def navigate(
         result["seconds"] |= {k: round(v, 3) for k, v in told.seconds.items()}
         write_loop(folder, told, result)
     if report:
-        write_loop_page(folder / PAGE, told, result, course.camera)
+        write_loop_page(folder / PAGE, told, result)
     return Navigated(folder, result)
 
 

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eigenbench.driving import FORWARD, Clouds, Fleet, Floats, Outline
-from eigenbench.loop_record import Camera
+from eigenbench.driving import FORWARD, Clouds, Fleet, Floats
 from eigenbench.navigation import Course
 from eigenbench.tasks import TASKS
 
-CAMERA = Camera(forward=0.0, height=0.4, wide=90.0, high=70.0, reach=5.0)
+CAMERA, REACH = 0.4, 5.0
+"""Height of the camera, and how far it sees, m."""
+TANGENTS = (1.0, 0.7)
 RAYS = (32, 32)
 
 
@@ -27,6 +28,13 @@ class BoxRoom:
         """Return its corners."""
         x, y = np.array(self.sides) / 2
         return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+
+    def places(self, size: Floats) -> Floats:
+        """Return the free places (m, 2) of a grid."""
+        x, y = (np.arange(-side / 2 + 0.05, side / 2, 0.1) for side in self.sides)
+        places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        poses = np.concatenate([places, np.zeros((len(places), 1))], axis=1)
+        return places[self.free(poses, np.repeat(size[None], len(places), axis=0))]
 
     def free(self, poses: Floats, sizes: Floats):
         """Say (n,) whether robots can stand: they are off the walls and the boxes that reach below their tops."""
@@ -50,28 +58,23 @@ class BoxRoom:
 
     def views(self, poses: Floats) -> Clouds:
         """Return (n, 1024, 3): where rays of a pinhole camera meet walls, floor, boxes or its range."""
-        tangents = np.tan(np.radians([CAMERA.wide, CAMERA.high]) / 2)
-        across, up = (np.linspace(t, -t, n) for t, n in zip(tangents, RAYS, strict=True))
+        across, up = (np.linspace(t, -t, n) for t, n in zip(TANGENTS, RAYS, strict=True))
         rays = np.stack(np.broadcast_arrays(1.0, across[None, :], up[:, None]), axis=-1).reshape(-1, 3)
         return np.stack([self._seen(pose, rays) for pose in poses]).astype(np.float32)
 
     def _seen(self, pose, rays):
         c, s = np.cos(pose[2]), np.sin(pose[2])
         world = rays @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        eye = np.array([pose[0], pose[1], CAMERA.height])
+        eye = np.array([pose[0], pose[1], CAMERA])
         x, y = np.array(self.sides) / 2
         with np.errstate(divide="ignore", invalid="ignore"):
             out = np.maximum((np.array([-x, -y, 0.0]) - eye) / world, (np.array([x, y, 2.5]) - eye) / world)
-            reach = np.minimum(np.nanmin(out, axis=1), CAMERA.reach)
+            reach = np.minimum(np.nanmin(out, axis=1), REACH)
             for box in self.boxes:
                 one, other = (box[:3] - eye) / world, (box[3:] - eye) / world
                 enter, leave = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
                 reach = np.where((enter <= leave) & (enter > 0), np.minimum(reach, enter), reach)
         return eye * [0, 0, 1] + reach[:, None] * rays
-
-    def outlines(self):
-        """Return the boxes from above."""
-        return [Outline(np.array([b[[0, 1]], b[[3, 1]], b[[3, 4]], b[[0, 4]]]), b[2], b[5]) for b in self.boxes]
 
 
 def robot_cloud(diameter: float, height: float) -> Clouds:
@@ -98,4 +101,4 @@ def fleet_of(rooms, starts, sizes) -> Fleet:
 
 def course_of(fleet: Fleet, seed: int = 0) -> Course:
     """Return a course of these robots."""
-    return Course(fleet, seed, {"rooms": "plain"}, CAMERA, TASKS["tube"])
+    return Course(fleet, seed, {"rooms": "plain"}, TASKS["tube"])

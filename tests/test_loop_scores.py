@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from plain_rooms import CAMERA, BoxRoom
+from plain_rooms import BoxRoom
 
 from eigenbench.driving import COLLIDED, ENDED, TURNED, WENT, Paths
 from eigenbench.errors import ModelError
 from eigenbench.free_rectangle import fit_lines, line_to_metres, rectangles
-from eigenbench.loop_frames import POINTS, projected
+from eigenbench.loop_frames import DOWN, EYE, IN_THE_WAY, ON_FLOOR, OVERHEAD, POINTS, REACH, TANGENTS, projected
 from eigenbench.loop_scores import DIFFERENCES, Counts, score
 
 ROOMS = [f"room {k}" for k in range(12) for _ in range(5)]
@@ -103,15 +103,18 @@ def test_no_line_where_there_is_nothing_to_fit():
         line_to_metres(np.ones(20), np.arange(20.0))
 
 
-def test_views_are_drawn_where_the_camera_sees_them():
-    """A point ahead is in the middle, one at the edge of the field of view at the edge, one behind nowhere."""
-    edge = float(np.tan(np.radians(CAMERA.wide / 2)))
-    points = np.array([[2.5, 0, CAMERA.height], [1, 0.999 * edge, CAMERA.height], [-1, 0, 0.4], [9, 0, 0.4]], np.float32)
-    picture = projected(np.repeat(points, POINTS // 4, axis=0)[None], CAMERA)[0, :: POINTS // 4]
-    assert picture[0].tolist() == [127, 127, 127]
-    assert picture[1, 0] == 0
-    assert (picture[2] == 255).all()
-    assert picture[3, 2] == 254
+def test_views_are_drawn_where_the_eye_sees_them():
+    """A point on the eye's axis is in the middle, one at the edge of its field at the edge, one behind it nowhere."""
+    x, z = EYE
+    axis, up = np.array([np.cos(DOWN), 0, -np.sin(DOWN)]), np.array([np.sin(DOWN), 0, np.cos(DOWN)])
+    middle = [x, 0, z] + REACH / 2 * axis
+    edge = [x, 0, z] + axis + 0.999 * TANGENTS[1] * up + [0, 0.999 * TANGENTS[0], 0]
+    points = np.array([middle, edge, [x - 1, 0, z], [2, 0, 0.01]], np.float32)
+    picture = projected(np.repeat(points, POINTS // 4, axis=0)[None], 0.5)[0, :: POINTS // 4]
+    assert picture[0].tolist() == [127, 127, 127, IN_THE_WAY]
+    assert picture[1, [0, 1, 3]].tolist() == [0, 0, OVERHEAD]
+    assert picture[2, 2] == 255
+    assert picture[3, 3] == ON_FLOOR
 
 
 def test_the_plain_room_sees_what_it_holds():

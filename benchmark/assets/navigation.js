@@ -20,10 +20,7 @@
     const radius = (drive.size[0] / 2) * drive.scale;
     const ahead = drive.ahead * drive.scale;
     const half = (Math.min(drive.sides[step][0] ?? drive.size[0], MOST) / 2) * drive.scale;
-    const sight = Math.min(1.2, drive.reach) * drive.scale;
-    const wide = drive.camera[2];
     const marks = [
-      made("path", { class: "sight", d: `M${sight} ${-sight * wide}L0 0L${sight} ${sight * wide}` }),
       made("circle", { r: radius }),
       made("line", { class: "nose", x2: radius }),
       made("line", { class: `says ${says}`, x1: ahead, x2: ahead, y1: -half, y2: half }),
@@ -39,14 +36,14 @@
     const pen = canvas.getContext("2d");
     const { width, height } = canvas;
     pen.clearRect(0, 0, width, height);
-    const from = step * drive.points * 3;
-    const ink = colour("--ink");
-    for (let k = from; k < from + 3 * drive.points; k += 3) {
+    const colours = ["--beside", "--ink", "--model"].map(colour);
+    const from = step * drive.points * 4;
+    for (let k = from; k < from + 4 * drive.points; k += 4) {
       if (views[k + 2] === 255) continue;
       const near = 1 - views[k + 2] / 254;
-      pen.globalAlpha = 0.25 + 0.75 * near;
-      pen.fillStyle = ink;
-      const size = 2 + 4 * near * near;
+      const size = 3 + 5 * near;
+      pen.globalAlpha = views[k + 3] === 0 ? 0.45 : 0.9;
+      pen.fillStyle = colours[views[k + 3]];
       pen.fillRect((views[k] / 254) * width - size / 2, (views[k + 1] / 254) * height - size / 2, size, size);
     }
     pen.globalAlpha = 1;
@@ -56,23 +53,25 @@
   const drawRectangle = (pen, drive, step, width, height) => {
     const [wide, high] = drive.sides[step];
     if (wide === null && high === null) return;
-    const [forward, up, tanWide, tanHigh] = drive.camera;
-    const depth = drive.ahead - forward;
-    if (depth <= 0) return;
-    const column = (y) => (1 - y / depth / tanWide) * 0.5 * width;
-    const row = (z) => (1 - (z - up) / depth / tanHigh) * 0.5 * height;
+    const [back, over, cos, sin, tanWide, tanHigh] = drive.eye;
+    const place = (y, z) => {
+      const [x, up] = [drive.ahead - back, z - over];
+      const depth = x * cos - up * sin;
+      return [(1 - y / depth / tanWide) * 0.5 * width, (1 - (x * sin + up * cos) / depth / tanHigh) * 0.5 * height];
+    };
     const half = Math.min(wide ?? drive.size[0], MOST) / 2;
-    const within = (value, most) => Math.min(Math.max(value, 3), most - 3);
-    const [left, right] = [column(half), column(-half)].map((value) => within(value, width));
-    const [top, bottom] = [row(Math.min(high ?? drive.size[1], MOST)), row(0)].map((value) => within(value, height));
+    const top = Math.min(high ?? drive.size[1], MOST);
     pen.strokeStyle = colour(drive.moves[step] === "1" ? "--bad" : "--good");
     pen.fillStyle = pen.strokeStyle;
     pen.lineWidth = 4;
     pen.setLineDash(wide === null || high === null ? [10, 6] : []);
-    pen.globalAlpha = 0.12;
-    pen.fillRect(left, top, right - left, bottom - top);
+    pen.beginPath();
+    for (const [y, z] of [[half, 0], [half, top], [-half, top], [-half, 0]]) pen.lineTo(...place(y, z));
+    pen.closePath();
+    pen.globalAlpha = 0.14;
+    pen.fill();
     pen.globalAlpha = 1;
-    pen.strokeRect(left, top, right - left, bottom - top);
+    pen.stroke();
     pen.setLineDash([]);
   };
 
@@ -120,7 +119,7 @@
     slider.max = last;
     slider.addEventListener("input", show);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
-    canvas.height = Math.round((canvas.width * drive.camera[3]) / drive.camera[2]);
+    canvas.height = Math.round((canvas.width * drive.eye[5]) / drive.eye[4]);
     figure.classList.add("live");
     show();
   };
