@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from eigenbench.driving import Room
 
-CELL = 0.1
+CELL = 0.05
 """Side of a cell, m."""
 ALONG = 0.01
 """A path is looked at in places that far apart, m."""
