@@ -5,12 +5,12 @@ eigenbench navigate examples/free_ahead.py
 
 import numpy as np
 
-FLOOR, TALLEST = 0.02, 1.2
-"""Heights between which something is in a robot's way, m."""
-AHEAD = 0.5
+FLOOR, LOW = 0.02, 0.3
+"""What lies between these heights limits the width, m."""
+AHEAD = 0.55
 """How far ahead counts: the widest robot's radius and one step of 0.2 m."""
-STRIP = 0.1
-"""Half the width of the strip over which something hangs in every robot's way, m."""
+STRIP = 0.25
+"""Half the width of the strip over which what hangs limits the height, m."""
 FAR = 4.0
 """What is said where nothing is seen, m."""
 
@@ -24,8 +24,7 @@ class Model:
         """Return lengths (B, 2) of views (B, M, 3) and of robots (B, N, 3): width, height."""
         x, y, z = np.moveaxis(env, 2, 0)
         ahead = (x > 0) & (x < AHEAD) & (z > FLOOR)
-        aside = np.where(ahead & (z < TALLEST), np.abs(y), FAR / 2)
-        above = np.where(ahead & (np.abs(y) < STRIP), z, FAR)
-        free = np.stack([2 * np.quantile(aside, 0.002, axis=1), above.min(axis=1)], axis=1)
+        aside = np.where(ahead & (z < LOW), np.abs(y), FAR / 2).min(axis=1)
+        above = np.where(ahead & (z > LOW) & (np.abs(y) < STRIP), z, FAR).min(axis=1)
         robot = np.stack([2 * np.abs(obj[..., 1]).max(axis=1), obj[..., 2].max(axis=1)], axis=1)
-        return {"env_lengths": free, "obj_lengths": robot}
+        return {"env_lengths": np.stack([2 * aside, above], axis=1), "obj_lengths": robot}

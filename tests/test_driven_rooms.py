@@ -12,6 +12,7 @@ from eigenbench.floor_cells import CELL, free_floor
 from eigenbench.generators import driven_rooms, passing
 from eigenbench.generators.driven_rooms import robot_cloud, rooms_digest, scene_rooms, size_law, unseen_rooms
 from eigenbench.generators.furnished import room_names
+from eigenbench.generators.robots import DIAMETER, HEIGHT
 from eigenbench.loop_scores import Counts
 
 SIZE = np.array([0.35, 0.5])
@@ -108,8 +109,8 @@ def test_robots_have_the_sizes_of_the_data_unless_told():
     """Drawn sizes lie within the ranges; a cloud is the robot's surface, a function of its size."""
     rng = np.random.default_rng(0)
     drawn = np.array([size_law(None, None)(rng) for _ in range(200)])
-    assert (drawn.min(axis=0) >= [0.2, 0.12]).all()
-    assert (drawn.max(axis=0) <= [0.6, 1.2]).all()
+    assert (drawn.min(axis=0) >= [DIAMETER[0], HEIGHT[0]]).all()
+    assert (drawn.max(axis=0) <= [DIAMETER[1], HEIGHT[1]]).all()
     assert size_law(0.3, None)(rng)[0] == 0.3
     cloud = robot_cloud(0.4, 0.9)
     assert np.abs(np.linalg.norm(cloud[:, :2], axis=1)).max() == pytest.approx(0.2, abs=1e-4)

@@ -136,6 +136,29 @@ def test_models_that_cannot_drive(course, tmp_path, body, said):
     assert not (tmp_path / "run").exists()
 
 
+SPY = """
+import numpy as np
+from pathlib import Path
+class Model:
+    def predict(self, env, obj):
+        found = 0.0
+        try:
+            found = float(bool(list(Path({run!r}).rglob("*"))))
+        except OSError:
+            pass
+        return {{"probability": np.full(len(env), found)}}
+"""
+
+
+def test_the_model_cannot_look_into_its_run(course, tmp_path):
+    """What the harness keeps of the run is closed to the model: one that goes only if it sees it never goes."""
+    path = written(tmp_path, SPY.format(run=str(tmp_path / "run")))
+    found = navigate(path, course, tmp_path / "run", steps=20, checks=False, report=False).result
+    if found["isolation"]["level"] in ("none", "rlimits"):
+        pytest.skip("this machine has no isolation that hides files")
+    assert found["scores"]["policies"]["model"]["distance"]["value"] == 0
+
+
 def test_a_probability_drives_too(course, tmp_path):
     """Without lengths there is no rectangle, and the page says so; a model that never goes is stuck everywhere."""
     path = written(tmp_path, "return {'probability': np.full(len(env), 0.4)}")
