@@ -122,6 +122,16 @@ def _peg(s: Shard) -> Iterator[Fault]:
     yield "obj_points", of_any(inner), "is not on the peg"
 
 
+def _robot(s: Shard) -> Iterator[Fault]:
+    """Hold a robot to its cylinder on the floor, and its view to the room above the floor."""
+    away, z = np.hypot(s.obj[..., 0], s.obj[..., 1]).astype(np.float64), s.obj[..., 2].astype(np.float64)
+    radius, height = s.t["obj_lengths"][:, :1] / 2, s.t["obj_lengths"][:, 1:]
+    outside = (away > radius + _NEAR) | (z < -_NEAR) | (z > height + _NEAR)
+    yield "obj_points", of_any(outside), "reaches beyond the robot"
+    inner = (away < radius - _NEAR) & (z > _NEAR) & (z < height - _NEAR)
+    yield "obj_points", of_any(inner), "is not on the robot"
+
+
 def _about(points: NDArray[np.floating], axis: Floats) -> tuple[Floats, Floats]:
     """Return how far points (n, m, 3) lie along an axis (n, 3) through the origin, and away from it, (n, m) each."""
     up = np.matmul(points.astype(np.float64), axis[:, :, None])[:, :, 0]
@@ -136,6 +146,7 @@ _DRAWN_AFRESH: dict[str, Rules] = {
     "cylinder": _on_cylinder,
     "sphere": _on_sphere,
     "mug": _peg,
+    "navigation": _robot,
 }
 """The rules of what is drawn afresh, by family: it is known point by point."""
 

@@ -69,6 +69,13 @@ def _measure_peg(block: Arrays) -> Measured:
     return Measured(block["env_lengths"].copy(), 2 * enclosing_radius(across)[:, None])
 
 
+def _measure_robot(block: Arrays) -> Measured:
+    """Read the robot's diameter and height from its cloud; what is free ahead, which one view may hide, from the truth."""
+    points = block["obj_points"]
+    diameter = 2 * enclosing_radius(points[:, :, :2])
+    return Measured(block["env_lengths"].copy(), np.column_stack([diameter, points[:, :, 2].max(axis=1)]))
+
+
 MEASURERS: dict[str, Callable[[Arrays], Measured]] = {
     "tube": _measure_extents,
     "box": _measure_extents,
@@ -78,13 +85,14 @@ MEASURERS: dict[str, Callable[[Arrays], Measured]] = {
     "fit": _measure_objects,
     "top": _measure_objects,
     "mug": _measure_peg,
+    "navigation": _measure_robot,
 }
 """How the exact measurer reads a block of pairs (`MEASURED_FIELDS`), by the task's family.
 
 It is handed the true directions and axes, and reads both clouds, but for `TRUE_ENVIRONMENT`.
 """
 
-TRUE_ENVIRONMENT = ("fit", "top", "mug")
+TRUE_ENVIRONMENT = ("fit", "top", "mug", "navigation")
 """Families whose environments' lengths the measurer is told: 1,024 points of a cabinet do not show its cavities. For
 them the measurer bounds what the sampling of the object costs, and nothing else."""
 

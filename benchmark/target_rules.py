@@ -159,7 +159,7 @@ def _size_faults(t: Arrays, task: TaskSpec) -> Iterator[Fault]:
 def _name_faults(t: Arrays, manifest: Manifest) -> Iterator[Fault]:
     """Yield the rules of shapes and categories: those of the manifest, or drawn afresh."""
     task = manifest.task
-    for side, role, kind in (("env", task.environment, task.family), ("obj", task.object, "peg")):
+    for side, role, kind in (("env", task.environment, task.family), ("obj", task.object, task.drawn_object)):
         shape, category = t[f"{side}_shape"], t[f"{side}_category"]
         if role is None:
             yield f"{side}_shape", shape != PRIMITIVE_SHAPE.encode(), f"is not '{PRIMITIVE_SHAPE}'"

@@ -39,6 +39,16 @@ class TaskSpec:
     axes: tuple[int | None, ...] = ()
 
     @property
+    def egocentric(self) -> bool:
+        """Whether clouds are in the object's own frame, where it stands: nothing is centred on boxes."""
+        return self.family == "navigation"
+
+    @property
+    def drawn_object(self) -> str:
+        """Category of an object that is drawn afresh."""
+        return "robot" if self.family == "navigation" else "peg"
+
+    @property
     def family(self) -> str:
         """Name of the module that generates the task: its name up to the first hyphen."""
         return self.name.partition("-")[0]
@@ -47,6 +57,7 @@ class TaskSpec:
 _TUBE = "lets it pass along x right through the rectangular tube, touching no wall"
 _FIT = "puts it inside the box of one cavity, its lowest point on that cavity's floor, free of collision"
 _BOX = "puts it between the walls that exist: an axis binds only where both of its faces do"
+_DRIVE = "moves the robot 0.2 m straight ahead, touching nothing in the room"
 _TURNED = "; the scene is turned as a whole"
 
 TASKS: dict[str, TaskSpec] = {
@@ -112,6 +123,18 @@ TASKS: dict[str, TaskSpec] = {
             ruled=False,
             rotated=True,
             axes=(0, 1, 2),
+        ),
+        TaskSpec("navigation", _DRIVE, 2, ("width", "height"), ((0, 1),), "room", None, ruled=False, axes=(1, 2)),
+        TaskSpec(
+            "navigation-paper",
+            _DRIVE + "; one room for training, another for testing",
+            2,
+            ("width", "height"),
+            ((0, 1),),
+            "paper_room",
+            None,
+            ruled=False,
+            axes=(1, 2),
         ),
     )
 }

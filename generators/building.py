@@ -54,7 +54,8 @@ class Block:
     def pair(self, row: int) -> Pair:
         """Return one row, for FCL."""
         rows = self.rows
-        return Pair(self.maker.stock, self.targets, row, int(rows.obj_index[row]), int(rows.env_index[row]))
+        indices = int(rows.obj_index[row]), int(rows.env_index[row])
+        return Pair(self.maker.stock, self.targets, row, *indices, rows.sizes[row])
 
     def witnesses(self, row: int) -> Floats:
         """Return the (k, 3) witnesses that a row's placements have, in the order in which they are tried."""
@@ -92,7 +93,9 @@ def _sample(maker: Maker, key: Key, first: int, rows: Rows, inputs: Arrays) -> N
         (maker.stock.objects, maker.family.sample_object, "obj_points"),
     )
     for library, sample, points in sides:
-        if library is not None:
+        if points == "env_points" and maker.family.view is not None:
+            maker.family.view(key, first, maker.references, by_reference(rows), inputs[points])
+        elif library is not None:
             surface = by_reference(library.surface)
             sample_library(surface, key, first, by_reference(rows), points == "env_points", inputs[points])
         elif sample is not None:
@@ -114,10 +117,10 @@ def sample_library(
 
 
 def _name(stock: Stock, rows: Rows, targets: Arrays) -> None:
-    """Write shapes and categories; what is drawn afresh is called primitive and has its task or `peg` as category."""
+    """Write shapes and categories; what is drawn afresh is called primitive, its category says what it is."""
     sides = (
         ("env", stock.environments, rows.env_index, stock.task.family),
-        ("obj", stock.objects, rows.obj_index, "peg"),
+        ("obj", stock.objects, rows.obj_index, stock.task.drawn_object),
     )
     for side, library, index, kind in sides:
         targets[f"{side}_shape"][:] = PRIMITIVE_SHAPE.encode() if library is None else library.names[index]

@@ -1,7 +1,7 @@
 """What a task's module tells the engine: a `Family`; and what the engine hands to it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import import_module
 from typing import Any
@@ -84,13 +84,14 @@ class Posed:
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """One row of stored targets, with the indices of its shapes in their libraries (-1: drawn afresh)."""
+    """One row of stored targets, the indices of its shapes in their libraries (-1: drawn afresh), its `sizes`."""
 
     stock: Stock
     targets: Arrays
     row: int
     obj_index: int
     env_index: int
+    sizes: Points = field(default_factory=lambda: np.zeros(8))
 
     def of(self, field: str) -> Any:
         """Return the row's value of a target field."""
@@ -113,7 +114,7 @@ class Pair:
             size = float(self.of("obj_scale"))
             hull = size * objects.hull(self.obj_index)
             shift = shift - middle(hull @ thing.T)
-        if environments is not None:
+        if environments is not None and not self.stock.task.egocentric:
             shift = shift + self.env_size * middle(environments.hull(self.env_index) @ scene.T)
         turn = scene.T @ thing
         return Posed(turn, size, hull @ turn.T, scene, shift)
@@ -170,6 +171,7 @@ class Family:
     placements : (key, pair, law, tables, rows, row) -> (k, 3), the witnesses that are tried, in order
     sample : (key, first, rows, env_points), fills clouds (n, m, 3) of environments drawn afresh; None for shapes
     sample_object : the same for objects that are drawn afresh
+    view : (key, first, tables, rows, env_points), fills the clouds of environments that are seen, not sampled
     reference : the pair as FCL sees it
     confirm : says whether FCL finds a positive's witness free; asks only about what it could touch, where that is
         much quicker than `reference`
@@ -183,6 +185,7 @@ class Family:
     sample: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
     sample_object: Callable[[Key, int, Rows, NDArray[np.float32]], None] | None = None
     confirm: Callable[[Pair], bool] | None = None
+    view: Callable[[Key, int, Tables, Rows, NDArray[np.float32]], None] | None = None
     left_out: Callable[[Stock], dict[str, str]] = lambda _stock: {}
 
 

@@ -58,7 +58,7 @@ def stand_in_cells(
 
 @kernel
 def regions(free: Flags, region: Labels) -> int:
-    """Number the connected regions of free cells (nx, ny) from 0, -1 elsewhere; return the number of the largest.
+    """Return the number of the largest connected region of free cells (nx, ny); fill in each cell's, -1 elsewhere.
 
     Cells are neighbours across a side. -1 where no cell is free.
     """

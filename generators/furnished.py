@@ -12,19 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.errors import ShapeError, UsageError
-from eigenbench.generators import depth_camera, free_floor, passing, robots
+from eigenbench.errors import ShapeError, UsageError, choose
+from eigenbench.generators import depth_camera, free_floor, passing, robots, room_library
 from eigenbench.generators.compiled import by_reference
 from eigenbench.generators.free_floor import Grid, grid_over
 from eigenbench.generators.passing import FORWARD
-from eigenbench.generators.room_library import COUNTS as ROOMS
-from eigenbench.generators.room_library import VERTEX_BITS, built_in_plan, first_of
+from eigenbench.generators.room_library import VERTEX_BITS, find_plan
 from eigenbench.generators.room_parts import Part
-from eigenbench.generators.room_plans import KINDS, make_plan
+from eigenbench.generators.room_plans import make_plan
 from eigenbench.generators.scene_files import read_scene
 from eigenbench.generators.trees import build_trees
 from eigenbench.shard_format import POINTS, round_to
-from eigenbench.tasks import SPLITS
 
 Points = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -108,7 +106,7 @@ class FurnishedRoom:
         -1 as the largest's number where it can stand nowhere. `grid.spacing` must be below the robot's diameter.
         """
         if not grid.spacing < robot[0]:
-            msg = f"Cells of {grid.spacing} m are too coarse for a robot {robot[0]} m wide; they must be narrower than it."
+            msg = f"Cells of {grid.spacing} m are too coarse for a robot {robot[0]} m wide: they must be narrower."
             raise UsageError(msg)
         free, region = np.zeros((grid.nx, grid.ny), dtype=np.bool_), np.zeros((grid.nx, grid.ny), dtype=np.int32)
         free_floor.stand_in_cells(*self._packed, 0, 0, grid, float(robot[0]), float(robot[1]), free)
@@ -124,27 +122,19 @@ def _key(seed: int) -> tuple[int, int]:
     return int(words[0]), int(words[1])
 
 
+MODES = {"many": "room", "paper": "paper_room"}
+"""The role of the rooms of each mode."""
+
+
 def room_names(split: str, mode: str = "many") -> tuple[str, ...]:
-    """Return the names of the rooms of a split: hundreds, or the one of mode `paper`."""
-    if mode == "paper":
-        return (f"{PAPER_KIND}/{first_of(split):04d}",)
-    first = first_of(split)
-    return tuple(f"{kind}/{i:04d}" for kind in sorted(KINDS) for i in range(first, first + ROOMS[split]))
-
-
-PAPER_KIND = "living_room"
-"""Kind of the two rooms of mode `paper`."""
+    """Return the names `kind/index` of the built-in rooms of a split: hundreds, or the one of mode `paper`."""
+    return room_library.room_names(split, MODES[choose("mode", mode, MODES)])
 
 
 @lru_cache(maxsize=64)
 def find_room(name: str) -> FurnishedRoom:
     """Return a built-in room by its name `kind/index`; UsageError for another."""
-    kind, _, number = name.partition("/")
-    split = next((s for s in SPLITS if name in room_names(s)), None)
-    if split is None:
-        msg = f"There is no room '{name}'; rooms are named like {room_names('test')[0]}, kinds are {', '.join(sorted(KINDS))}."
-        raise UsageError(msg)
-    plan = built_in_plan(split, kind, int(number))
+    plan = find_plan(name)
     return FurnishedRoom.of(name, plan.triangles(), plan.floor, tuple(plan.parts), not plan.meshes)
 
 
@@ -163,6 +153,7 @@ def open_scene(path: str | Path) -> FurnishedRoom:
     room = FurnishedRoom.of(f"scene/{Path(path).stem}", scene.triangles, scene.floor)
     _, largest = room.regions(np.array(robots.SMALLEST), room.grid())
     if largest < 0:
-        msg = f"{path} has no free start: a robot {robots.SMALLEST[0]} m wide and {robots.SMALLEST[1]} m high stands nowhere."
+        wide, high = robots.SMALLEST
+        msg = f"Scene {path} has no free start: a robot {wide} m wide and {high} m high stands nowhere on its floor."
         raise ShapeError(msg)
     return room

@@ -33,6 +33,8 @@ HULL = "QJ Pp"
 lathe-turned shapes are full of: half the time, the same extents to 1e-15, a few coplanar vertices more."""
 FLAT = 1e-6
 """A shape is refused as flat if its hull's volume is below this share of its enclosing ball's."""
+ROOM_ROLES = ("room", "paper_room")
+"""Roles of rooms: hundreds, or one a split; they are packed as they stand."""
 _NAME_BYTES, _CATEGORY_BYTES = 96, 32
 
 
@@ -85,15 +87,17 @@ def load_library(source: str, split: str, role: str = "object") -> Library:
 
     UsageError for another source, ShapeError where no usable shape is left.
     """
-    if role == "room" and parse_source(source).kind != "default":
-        return _rooms(source, split)
+    if role in ROOM_ROLES and parse_source(source).kind != "default":
+        return _rooms(source, split, role)
     if parse_source(source).kind != "default":
         return _pack(*_measured(*load_shapes(source, role, split), role), metric=False)
     note = cache_folder() / "shapes" / f"default-{_default_key()}-{role}-{split}"
     if note.is_file():
         with contextlib.suppress(DataError):
             return open_library(note.parent / Path(note.read_text()).name)
-    library = _rooms(source, split) if role == "room" else _pack(*load_shapes(source, role, split), metric=True)
+    library = (
+        _rooms(source, split, role) if role in ROOM_ROLES else _pack(*load_shapes(source, role, split), metric=True)
+    )
     write_text_atomically(note, library.path.name)
     return library
 
@@ -145,10 +149,10 @@ def _place(digest: str) -> Path:
     return cache_folder() / "shapes" / f"{digest[:32]}.npz"
 
 
-def _rooms(source: str, split: str) -> Library:
+def _rooms(source: str, split: str, role: str) -> Library:
     from eigenbench.generators.room_library import load_rooms  # here, since rooms are furnished from libraries
 
-    return pack_in_place(load_rooms(source, split))
+    return pack_in_place(load_rooms(source, split, role))
 
 
 def _measured(shapes: list[Shape], refused: dict[str, str], role: str) -> tuple[list[Shape], dict[str, str]]:

@@ -10,9 +10,9 @@ from eigenbench.generators.philox import BLOCK, OBJ_SURFACE, Key, block_words, u
 from eigenbench.generators.surface import Floats, round_cloud
 from eigenbench.shard_format import POINTS
 
-DIAMETER = (0.2, 0.6)
+DIAMETER = (0.18, 0.7)
 """m: from a small vacuum cleaner to a waiter."""
-HEIGHT = (0.12, 1.2)
+HEIGHT = (0.12, 1.4)
 """m; likewise."""
 SMALLEST = (DIAMETER[0], HEIGHT[0])
 """Diameter and height of the smallest robot; where it cannot get, no robot can."""

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from eigenbench.errors import ShapeError
+from eigenbench.errors import ShapeError, UsageError
 from eigenbench.generators.library import load_library
-from eigenbench.generators.room_plans import Plan, Showroom, kinds_in_order, make_plan
+from eigenbench.generators.room_plans import KINDS, Plan, Showroom, make_plan
 from eigenbench.generators.solids import Mesh
 from eigenbench.generators.sources import parse_source
 from eigenbench.shard_format import round_to
+from eigenbench.tasks import SPLITS
 
 Points = NDArray[np.float64]
 
-ROLE = "room"
+PAPER_KIND = "living_room"
+"""Kind of the two rooms of mode `paper`."""
 COUNTS = {"train": 80, "test": 20}
 """Built-in rooms of each kind."""
 LOW_POLY = 700
@@ -53,15 +55,29 @@ def showroom(split: str) -> Showroom:
     return take
 
 
-def built_in_plan(split: str, kind: str, index: int) -> Plan:
-    """Return a built-in room; `index` counts the rooms of a kind, those of the training split first."""
-    return make_plan(kind, index, showroom(split))
+def room_names(split: str, role: str = "room") -> tuple[str, ...]:
+    """Return the names `kind/index` of the built-in rooms of a split and role, sorted."""
+    first = first_of(split)
+    if role == "paper_room":
+        return (f"{PAPER_KIND}/{first:04d}",)
+    return tuple(f"{kind}/{i:04d}" for kind in sorted(KINDS) for i in range(first, first + COUNTS[split]))
 
 
-def load_rooms(source: str, split: str) -> dict[str, Points]:
+def find_plan(name: str) -> Plan:
+    """Return a built-in room by its name; UsageError for another."""
+    kind, _, number = name.partition("/")
+    split = next((s for s in SPLITS if name in room_names(s)), None)
+    if split is None:
+        known = ", ".join(sorted(KINDS))
+        msg = f"There is no room '{name}'; rooms are named like '{room_names('test')[0]}', and the kinds are {known}."
+        raise UsageError(msg)
+    return make_plan(kind, int(number), showroom(split))
+
+
+def load_rooms(source: str, split: str, role: str = "room") -> dict[str, Points]:
     """Return the corners (f, 3, 3) of the rooms of a split, by `kind/name`: of `default`, or the one of `scene=FILE`.
 
-    ShapeError from other sources.
+    The role `paper_room` has the first one of a kind alone. ShapeError from other sources.
     """
     parsed = parse_source(source)
     if parsed.kind == "scene":
@@ -72,6 +88,4 @@ def load_rooms(source: str, split: str) -> dict[str, Points]:
     if parsed.kind != "default":
         msg = f"'{parsed.kind}=' has no rooms; task navigation takes the built-in ones or a scene of yours (`--scene`)."
         raise ShapeError(msg)
-    first = first_of(split)
-    names = [(kind, index) for kind in kinds_in_order() for index in range(first, first + COUNTS[split])]
-    return {f"{k}/{i:04d}": round_to(built_in_plan(split, k, i).triangles(), VERTEX_BITS) for k, i in names}
+    return {name: round_to(find_plan(name).triangles(), VERTEX_BITS) for name in room_names(split, role)}

@@ -4,7 +4,7 @@ A room is a rectangle about the origin, 3 to 8 m a side, closed by walls, floor 
 wall with a door gap. Furniture stands with its back to a wall, or free; what hangs on walls leaves the floor free.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -310,8 +310,3 @@ def _overlap(a: Points, b: Points) -> bool:
             if u.max() <= v.min() or v.max() <= u.min():
                 return False
     return True
-
-
-def kinds_in_order(kinds: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the kinds of rooms, sorted, as libraries are."""
-    return tuple(sorted(kinds or KINDS))

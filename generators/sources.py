@@ -30,6 +30,11 @@ FOLDER_OPTIONS = ("lists",)
 """The options that name a folder."""
 SIZES = (1e-30, 1e30)
 """Longest sides of a shape, in any unit: GLB files hold float32, and measuring takes the fifth power of lengths."""
+ROOM_RULES = {
+    "room": "Built in: 80 training and 20 test rooms of each kind, furnished from the shapes of their own split.",
+    "paper_room": "Built in: one living room for training, another for testing, with other furniture.",
+}
+"""How the built-in rooms of each role are split."""
 NAMED = 3
 """Refused shapes that an error names."""
 
@@ -79,8 +84,11 @@ def load_shapes(source: str, role: str, split: str) -> tuple[list[Shape], dict[s
     Shapes of a user's folder stand upright on z = 0, in the unit of their file, and have no measures yet.
     ShapeError where the folder has another layout or leaves no usable shape, UsageError for an unknown argument.
     """
-    choose("split", split, CATEGORIES[choose("role", role, ROLES)])
     parsed = parse_source(source)
+    if parsed.kind == "scene":
+        msg = f"'{source}' is a room and holds no {role}s; it serves task navigation alone."
+        raise ShapeError(msg)
+    choose("split", split, CATEGORIES[choose("role", role, ROLES)])
     if parsed.kind == "default":
         from eigenbench.generators.catalogue import make_shapes  # here, since listing a folder needs no makers
 
@@ -119,7 +127,7 @@ def none_usable(what: str, refused: dict[str, str]) -> ShapeError:
 def load_notes(source: str, role: str, split: str) -> dict[str, str]:
     """Return what had to be mended or assumed, by `category/name`, for the shapes of `load_shapes`; reads no mesh."""
     parsed = parse_source(source)
-    if parsed.kind == "default":
+    if parsed.kind in ("default", "scene"):
         return {}
     wanted = _wanted(parsed, _listing(parsed), role, split)
     return {f"{e.category}/{e.name}": note for e in wanted if (note := e.notes())}
@@ -128,6 +136,10 @@ def load_notes(source: str, role: str, split: str) -> dict[str, str]:
 def split_rule(source: str, role: str) -> str:
     """Return the sentence that says how a source's shapes of a role were split."""
     parsed = parse_source(source)
+    if parsed.kind == "scene":
+        return "One room, which serves both splits."
+    if role in ROOM_RULES:
+        return ROOM_RULES[role]
     seeded = f"{TEST_SHARES[choose('role', role, ROLES)]:.1%} of the shapes go to test, by a hash of category/name"
     if parsed.kind == "default":
         return "Built in: categories and counts of the paper's tables, training shapes first."
