@@ -23,7 +23,7 @@ from eigenbench.cli_navigate import navigate
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_train import train
-from eigenbench.console import SOURCES, Json, Workers, kept_told, progress_on
+from eigenbench.console import SOURCES, Json, Scene, Workers, kept_told, progress_on, source_of
 from eigenbench.errors import DataError, EigenbenchError, UsageError, printable
 
 app = typer.Typer(
@@ -125,6 +125,7 @@ def generate(
         str, typer.Option(help="ratio, or independent: the object's size without regard to the environment's.")
     ] = "ratio",
     shapes: Annotated[str, typer.Option(help=SOURCES)] = "default",
+    scene: Scene = None,
     audit: Annotated[float, typer.Option(help="Share of the pairs that FCL labels a second time.")] = 0.001,
     as_json: Json = False,
 ) -> None:
@@ -145,7 +146,7 @@ def generate(
             engine=engine,
             protocol=protocol,
             draws=draws,
-            shapes=shapes,
+            shapes=source_of(shapes, scene),
             audit=audit,
             progress=progress,
             skipped=skipped.__setitem__,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from eigenbench.errors import printable
+from eigenbench.errors import UsageError, printable
 
 SOURCES = (
     "default, or shapes that you hold: meshes=DIR[,up=y], partnet=DIR[,lists=STATS] (PartNet-Mobility), "
@@ -15,7 +15,20 @@ SOURCES = (
 )
 """Help of every option that takes a shape source."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Scene = Annotated[
+    str | None, typer.Option("--scene", help="A room of yours for task navigation, a GLB file: as --shapes scene=FILE.")
+]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per usable core.")]
+
+
+def source_of(shapes: str, scene: str | None) -> str:
+    """Return the shape source of the two options; UsageError if both are given."""
+    if scene is None:
+        return shapes
+    if shapes != "default":
+        msg = f"--scene {scene} with --shapes {shapes}: a scene is a source of its own. Pass one of them."
+        raise UsageError(msg)
+    return f"scene={scene}"
 
 
 @contextmanager

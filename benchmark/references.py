@@ -70,7 +70,7 @@ def _measure_peg(block: Arrays) -> Measured:
 
 
 def _measure_robot(block: Arrays) -> Measured:
-    """Read the robot's diameter and height from its cloud; what is free ahead, which one view may hide, from the truth."""
+    """Read the robot's diameter and height from its cloud; what is free ahead from the truth."""
     points = block["obj_points"]
     diameter = 2 * enclosing_radius(points[:, :, :2])
     return Measured(block["env_lengths"].copy(), np.column_stack([diameter, points[:, :, 2].max(axis=1)]))

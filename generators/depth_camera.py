@@ -1,6 +1,6 @@
 """The depth camera that every robot carries, compiled: rays against a tree of triangles, and the cloud it gives.
 
-A pinhole with a square image, 120 degrees wide and high, 64 by 64 pixels, range 2.5 m, as wide-angle time-of-flight
+A pinhole with a square image, 120 degrees wide and high, 56 by 56 pixels, range 2.5 m, as wide-angle time-of-flight
 cameras have. It sits low, 0.08 m behind the robot's axis and 0.1 m above the floor, inside of the smallest robot, and
 looks up by 30 degrees: from 30 degrees below the horizon to straight up. So it can sit in every robot, sees the floor
 ahead as well as what hangs over it, and tells nothing about the robot.
@@ -19,7 +19,7 @@ from eigenbench.generators.philox import ENV_SURFACE, Key, words
 from eigenbench.generators.surface import Floats, round_cloud
 from eigenbench.generators.trees import Trees
 
-PIXELS = 64
+PIXELS = 56
 """Pixels of the image along either side."""
 RANGE = 2.5
 """Nothing farther from the camera is seen, m."""
@@ -35,6 +35,9 @@ _EDGE = 1e-9
 _LEAST = 1e-12
 _DEEP = 64
 """Open branches of a walk through a tree at most."""
+
+
+Stack = NDArray[np.int64]
 
 
 class Eye(NamedTuple):
@@ -92,68 +95,65 @@ def meets(triangle: Floats, origin: Floats, ray: Floats, end: float) -> float:
 
 
 @kernel
-def cast(
-    triangles: Floats,
-    trees: Trees,
-    face: int,
-    node: int,
-    origin: Floats,
-    ray: Floats,
-    end: float,
-    stack: NDArray[np.int64],
-) -> float:
-    """Return how far along a ray the first triangle of a room lies; `end` where none does before.
-
-    The nearer branch is walked first; `stack` (_DEEP,) is used up.
-    """
-    inverse = np.zeros(3)
+def invert(ray: Floats, inverse: Floats) -> None:
+    """Write 1 over each coordinate of a ray; one that is 0 counts as tiny."""
     for k in range(3):
         d = ray[k]
         if abs(d) < _LEAST:
             d = _LEAST if d >= 0.0 else -_LEAST
         inverse[k] = 1.0 / d
-    depth, at = 0, node
-    if enters(trees.boxes[node], origin, inverse, end) == np.inf:
-        return end
-    while True:
-        count = trees.links[at, 2]
-        if count > 0:
-            first = trees.links[at, 1]
-            for i in range(first, first + count):
-                end = meets(triangles[face + trees.order[face + i]], origin, ray, end)
-        else:
+
+
+@kernel
+def next_branch(trees: Trees, stack: Stack, depth: int, origin: Floats, inverse: Floats, end: float) -> tuple[int, int]:
+    """Return (node, depth) of the last open branch whose box the ray enters before `end`; node -1 if none is left."""
+    while depth > 0:
+        depth -= 1
+        if enters(trees.boxes[stack[depth]], origin, inverse, end) < np.inf:
+            return stack[depth], depth
+    return -1, 0
+
+
+@kernel
+def cast(triangles: Floats, trees: Trees, face: int, node: int, line: Floats, end: float, stack: Stack) -> float:
+    """Return how far along a ray the first triangle of a room lies; `end` where none does before.
+
+    `line` (3, 3) is the ray's origin, its unit direction and room for 1 over it. The nearer branch is
+    walked first; `stack` (_DEEP,) is used up.
+    """
+    origin, ray, inverse = line[0], line[1], line[2]
+    invert(ray, inverse)
+    depth, at = 0, node if enters(trees.boxes[node], origin, inverse, end) < np.inf else -1
+    while at >= 0:
+        first, count = trees.links[at, 1], trees.links[at, 2]
+        for i in range(first, first + count):
+            end = meets(triangles[face + trees.order[face + i]], origin, ray, end)
+        if count == 0:
             one, two = at + 1, node + trees.links[at + 1, 0]
-            to_one, to_two = (
-                enters(trees.boxes[one], origin, inverse, end),
-                enters(trees.boxes[two], origin, inverse, end),
-            )
+            to_one = enters(trees.boxes[one], origin, inverse, end)
+            to_two = enters(trees.boxes[two], origin, inverse, end)
             if to_two < to_one:
                 one, two, to_one, to_two = two, one, to_two, to_one
+            if to_two < np.inf:
+                stack[depth] = two
+                depth += 1
             if to_one < np.inf:
-                if to_two < np.inf:
-                    stack[depth] = two
-                    depth += 1
                 at = one
                 continue
-        found = False
-        while depth > 0 and not found:
-            depth -= 1
-            at = stack[depth]
-            found = enters(trees.boxes[at], origin, inverse, end) < np.inf
-        if not found:
-            return end
+        at, depth = next_branch(trees, stack, depth, origin, inverse, end)
+    return end
 
 
 @kernel
 def depth_image(triangles: Floats, trees: Trees, face: int, node: int, eye: Eye, depths: Floats) -> None:
     """Fill the (PIXELS, PIXELS) distances from the camera along each pixel's ray; RANGE where nothing is nearer."""
-    origin, ray, stack = np.zeros(3), np.zeros(3), np.zeros(_DEEP, dtype=np.int64)
-    origin[0], origin[1], origin[2] = eye.x - eye.c * BEHIND, eye.y - eye.s * BEHIND, ABOVE
+    line, stack = np.zeros((3, 3)), np.zeros(_DEEP, dtype=np.int64)
+    line[0, 0], line[0, 1], line[0, 2] = eye.x - eye.c * BEHIND, eye.y - eye.s * BEHIND, ABOVE
     for row in range(PIXELS):
         for column in range(PIXELS):
             x, y, z = pixel_ray(row, column)
-            ray[0], ray[1], ray[2] = eye.c * x - eye.s * y, eye.s * x + eye.c * y, z
-            depths[row, column] = cast(triangles, trees, face, node, origin, ray, RANGE, stack)
+            line[1, 0], line[1, 1], line[1, 2] = eye.c * x - eye.s * y, eye.s * x + eye.c * y, z
+            depths[row, column] = cast(triangles, trees, face, node, line, RANGE, stack)
 
 
 @kernel

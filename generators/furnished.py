@@ -89,7 +89,7 @@ class FurnishedRoom:
         return clouds
 
     def depth_images(self, poses: Points) -> Points:
-        """Return the (n, 64, 64) distances of the camera's pixels, m; `depth_camera.RANGE` where nothing is nearer."""
+        """Return the (n, 56, 56) distances of the camera's pixels, m; `depth_camera.RANGE` where nothing is nearer."""
         poses = _with_direction(np.atleast_2d(np.asarray(poses, dtype=np.float64)))
         images = np.zeros((len(poses), depth_camera.PIXELS, depth_camera.PIXELS))
         for pose, image in zip(poses.tolist(), images, strict=True):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.errors import ShapeError
 from eigenbench.generators import free_floor
 from eigenbench.generators.circles import unit_circle
 from eigenbench.generators.compiled import by_reference, kernel, referable
@@ -51,8 +52,8 @@ WIDEST, HIGHEST = 2.0, 3.0
 """Free width and free height are not measured beyond these, m."""
 GROWN = 4.0
 """The margin tells by how much the robot could grow, or would have to shrink, up to this factor."""
-STEPS = 28
-"""Halvings of an interval when a critical size is sought."""
+STEPS, DRAWING_STEPS = 28, 12
+"""Halvings of an interval when a critical size is sought: the margin's, and the one that sizes are drawn about."""
 POSITIVES_KEPT = 0.85
 """Of the pairs that pass, the share that is kept, so that about half of all do."""
 EDGE = 1.05
@@ -91,10 +92,15 @@ NavigationTables = tuple[Surface, Trees, Floors]
 
 
 def tables(stock: Stock) -> Tables:
-    """Return (rooms, their trees, their floors)."""
-    surface = stock.of(stock.roles[0]).surface
+    """Return (rooms, their trees, their floors); ShapeError where a room leaves the smallest robot no start."""
+    library = stock.of(stock.roles[0])
+    surface = library.surface
     trees = build_trees(surface.triangles, surface.face_start)
     cells = [start_cells(surface, trees, k) for k in range(len(surface.face_start) - 1)]
+    for name, found in zip(library.names.tolist(), cells, strict=True):
+        if len(found) == 0:
+            msg = f"Room {name.decode()} has no free start: the smallest robot, {SMALLEST[0]} m wide, stands nowhere."
+            raise ShapeError(msg)
     starts = np.concatenate([[0], np.cumsum([len(c) for c in cells])]).astype(np.int64)
     floors = Floors(surface.category_start, starts, np.concatenate(cells), surface.face_start, trees.node_start)
     return surface, trees, floors
@@ -125,11 +131,18 @@ def drawn_pose(key: Key, pair: int, attempt: int, first: int, floors: Floors) ->
 
 @kernel
 def largest(
-    tables: NavigationTables, room: int, way: Way, diameter: float, height: float, low: float, high: float
+    tables: NavigationTables,
+    room: int,
+    way: Way,
+    diameter: float,
+    height: float,
+    low: float,
+    high: float,
+    steps: int,
 ) -> float:
     """Return the largest factor at which a robot, times it, passes; `low` and `high` bound it.
 
-    Below `low` it is `low`, above `high` it is `high`.
+    Below `low` it is `low`, above `high` it is `high`. `steps` halvings of that interval find it.
     """
     rooms, trees, floors = tables
     face, node = floors.face_start[room], floors.node_start[room]
@@ -137,7 +150,7 @@ def largest(
         return high
     if not passes(rooms.triangles, trees, face, node, way, 0.5 * low * diameter, low * height):
         return low
-    for _ in range(STEPS):
+    for _ in range(steps):
         middle = 0.5 * (low + high)
         if passes(rooms.triangles, trees, face, node, way, 0.5 * middle * diameter, middle * height):
             low = middle
@@ -191,7 +204,7 @@ def drawn_size(
         return 0.0, 0.0
     slope = high / wide
     least, most = max(DIAMETER[0], HEIGHT[0] / slope), min(DIAMETER[1], HEIGHT[1] / slope)
-    critical = largest(tables, room, way, 1.0, slope, least / _REACH, most * _REACH)
+    critical = largest(tables, room, way, 1.0, slope, least / _REACH, most * _REACH, DRAWING_STEPS)
     if not least * EDGE < critical < most / EDGE:
         return 0.0, 0.0
     here, half = Way(way.x, way.y, way.c, way.s, 0.0), 0.5 * AMPLE * critical
@@ -200,7 +213,9 @@ def drawn_size(
         return 0.0, 0.0
     if is_between(key, pair, attempt, law):
         other, x, y, c, s = drawn_pose(key, pair, attempt, OTHER_SHAPE, tables[2])
-        apart = largest(tables, other, Way(x, y, c, s, FORWARD), 1.0, slope, least / _REACH, most * _REACH)
+        apart = largest(
+            tables, other, Way(x, y, c, s, FORWARD), 1.0, slope, least / _REACH, most * _REACH, DRAWING_STEPS
+        )
         size = size_between(key, pair, attempt, critical, apart, rows, row)
     else:
         size = size_object(key, pair, attempt, law, critical, DIAMETER[0], _LOG_DIAMETER, rows, row)
@@ -226,7 +241,7 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: NavigationTables, 
     if fits and not law.independent and drawn(key, pair, attempt, KEEP) >= POSITIVES_KEPT:
         return False
     low, high = (1.0, GROWN) if fits else (1.0 / GROWN, 1.0)
-    scale = largest(tables, room, way, diameter, height, low, high)
+    scale = largest(tables, room, way, diameter, height, low, high, STEPS)
     rows.env_index[row] = room
     values = (x, y, c, s, diameter, height)
     for k in range(6):

@@ -154,18 +154,3 @@ def pass_each(triangles: Floats, trees: Trees, poses: Floats, forward: float, ro
     for i in range(len(poses)):
         way = Way(poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], forward)
         free[i] = passes(triangles, trees, 0, 0, way, 0.5 * robots[i, 0], robots[i, 1])
-
-
-@kernel
-def block_to_way(x: float, y: float, a: float, b: float, c: float, s: float, way: Way) -> float:
-    """Return the square of the distance, seen from above, of an upright block's footprint to a way.
-
-    The block's middle, half its sides and its front (c, s) are in the room's frame.
-    """
-    corners = np.zeros((4, 3))
-    for i in range(4):
-        u = a if i == 1 or i == 2 else -a
-        v = b if i > 1 else -b
-        px, py = x + c * u - s * v - way.x, y + s * u + c * v - way.y
-        corners[i, 0], corners[i, 1] = way.c * px + way.s * py, way.c * py - way.s * px
-    return polygon_to_way(corners, 4, way.forward)
