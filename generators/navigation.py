@@ -21,6 +21,7 @@ from eigenbench.generators.pairs import (
     ENV_SHAPE,
     KEEP,
     LENGTH_0,
+    NEAR,
     OTHER_SHAPE,
     OUTLINE,
     SIDES,
@@ -64,6 +65,9 @@ AMPLE = 1.25
 CONFINED_KEPT = 0.15
 """Where a robot AMPLE times too large to go on could not stand either, between two walls, almost all that stand go on:
 of those pairs this share is kept, so that the view alone does not tell the label."""
+
+CLOSE_KEPT = 0.75
+"""Of the pairs whose margin is below NEAR of its length, the share that is kept, so that difficulty is spread."""
 
 _REACH = 1.5
 _LOG_DIAMETER = float(np.log(DIAMETER[1] / DIAMETER[0]))
@@ -256,6 +260,9 @@ def draw(key: Key, pair: int, attempt: int, law: Law, tables: NavigationTables, 
     rows.margin[row] = on_length_grid((scale - 1.0) * rows.obj_lengths[row, slot])
     rows.witness[row, 0], rows.witness[row, 1], rows.witness[row, 2] = on_length_grid(FORWARD), 0.0, 0.0
     conclude(rows, row, fits, LENGTH_0 + slot if slack[slot] <= 0.0 else OUTLINE)
+    close = abs(rows.margin[row]) < NEAR * rows.env_lengths[row, slot]
+    if close and not law.independent and drawn(key, pair, attempt, KEEP + 3) >= CLOSE_KEPT:
+        return False
     return is_clear(rows.margin[row], VIEW_SIDE)
 
 

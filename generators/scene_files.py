@@ -92,7 +92,8 @@ def find_floor(corners: Points) -> tuple[float, Points, Points] | None:
         ends = np.searchsorted(heights, heights + BAND, side="right")
         wide = np.flatnonzero(total[ends] - total[:-1] >= FLOOR_SHARE * outline)
         if len(wide):
-            own = corners[faces[wide[0] : ends[wide[0]]]]
-            height = float(np.average(heights[wide[0] : ends[wide[0]]], weights=areas[wide[0] : ends[wide[0]]]))
+            band = slice(wide[0], ends[wide[0]])
+            own, covered = corners[faces[band]], np.cumsum(areas[band])
+            height = float(heights[band][np.searchsorted(covered, covered[-1] / 2)])
             return height, own[:, :, :2].min(axis=(0, 1)), own[:, :, :2].max(axis=(0, 1))
     return None

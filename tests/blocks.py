@@ -24,8 +24,8 @@ GRID = 2.0**-LENGTH_BITS
 """Lengths, margins and witnesses lie on a grid of this, m."""
 CLOUD_GRID = 2.0**-CLOUD_BITS
 """Clouds lie on a grid of this, m."""
-LIBRARY_TASKS = ("fit", "top", "mug", "fit-rotated")
-"""Tasks whose environments are library shapes."""
+LIBRARY_TASKS = ("fit", "top", "mug", "fit-rotated", "navigation", "navigation-paper")
+"""Tasks whose environments are library shapes, or rooms of them."""
 CONVEX_TASKS = ("tube", "cylinder", "sphere", "box", "multitube", "tube-rotated")
 """Tasks whose environments are drawn afresh."""
 

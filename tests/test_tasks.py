@@ -83,7 +83,7 @@ def test_targets_are_consistent(task):
     at = np.flatnonzero(t["label"])[0]
     tried = block.witnesses(at)
     assert (tried == t["witness"][at]).all(axis=1).any()
-    assert len(tried) >= CANDIDATES
+    assert len(tried) >= (1 if find_task(task).egocentric else CANDIDATES)
 
 
 @pytest.mark.parametrize("task", all_tasks())
@@ -109,7 +109,8 @@ def test_independent_draws_leave_the_environment_alone(task):
         slack = np.where(free["binding"], free["env_lengths"] - free["obj_lengths"], np.inf)
         clauses = [slack[:, list(clause)].min(axis=1) for clause in find_task(task).clauses]
         assert np.array_equal(free["label"], np.max(clauses, axis=0) > 0)
-    assert dependence(free, "obj_scale") > 1e-4
+    if not find_task(task).egocentric:  # a robot must be able to stand where it starts
+        assert dependence(free, "obj_scale") > 1e-4
     if task not in LIBRARY_TASKS:
         assert dependence(ratio, "obj_scale") < 1e-4
     assert abs(free["label"].mean() - ratio["label"].mean()) > 0.01
