@@ -83,13 +83,15 @@ class Fleet:
 
     def passes(self, robots: NDArray[np.int64], poses: Floats) -> Bools:
         """Say (n,) of some robots at poses (n, 3) whether they can go forward."""
-        return self._by_room(robots, lambda room, k: room.passes(poses[k], self.sizes[robots[k]]))
+        return np.asarray(self._by_room(robots, lambda room, k: room.passes(poses[k], self.sizes[robots[k]])), np.bool_)
 
     def views(self, robots: NDArray[np.int64], poses: Floats) -> Clouds:
         """Return (n, M, 3), what some robots see at poses (n, 3)."""
-        return self._by_room(robots, lambda room, k: room.views(poses[k]))
+        return np.asarray(self._by_room(robots, lambda room, k: room.views(poses[k])), np.float32)
 
-    def _by_room(self, robots: NDArray[np.int64], ask: Callable[[Room, NDArray[np.int64]], NDArray[Any]]) -> Any:
+    def _by_room(
+        self, robots: NDArray[np.int64], ask: Callable[[Room, NDArray[np.int64]], NDArray[Any]]
+    ) -> NDArray[Any]:
         """Return the rooms' answers (n, ...), in the robots' order; each room is asked once."""
         room = self.room[robots]
         order = np.argsort(room, kind="stable")

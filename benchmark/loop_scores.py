@@ -54,10 +54,10 @@ class Counts:
         new = moves != ENDED
         new[1:] &= np.any(paths.poses[1:-1] != paths.poses[:-2], axis=2)
         tried = new & (moves != TURNED)
-        counted = (new, tried, new & (moves == COLLIDED), new & ((moves != TURNED) == paths.passes))
+        collided, right = new & (moves == COLLIDED), new & ((moves != TURNED) == paths.passes)
         distance = FORWARD * (moves == WENT).sum(axis=0)
-        sums = [c.sum(axis=0).astype(np.float64) for c in counted]
-        return cls(distance, reached, *sums, paths.ended.astype(np.float64))
+        views, forward, collisions, sound = (c.sum(axis=0).astype(np.float64) for c in (new, tried, collided, right))
+        return cls(distance, reached, views, forward, collisions, sound, paths.ended.astype(np.float64))
 
 
 def statistics_of(counts: Counts) -> dict[str, Sums]:
