@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.driving import FORWARD, TURN
 from eigenbench.errors import ModelError
+from eigenbench.free_rectangle import line_to_metres
 from eigenbench.metrics import decide, one_group
 from eigenbench.records import Prediction
 
-FORWARD = 0.2
-"""One step of the paper's robot, m."""
-TURN = -np.radians(20.0)
-"""One turn of the paper's robot, rad; clockwise seen from above is negative."""
+__all__ = ["FORWARD", "TURN", "Move", "Pose", "can_pass", "line_to_metres", "moved", "policy"]
 
 Cloud = NDArray[np.floating[Any]]
 """(N, 3) points in the robot frame, metres."""
@@ -71,19 +70,6 @@ def moved(pose: Pose, move: Move) -> Pose:
     y = pose.y + move.forward * np.sin(pose.heading)
     heading = (pose.heading + move.turn + np.pi) % (2 * np.pi) - np.pi
     return Pose(float(x), float(y), float(heading))
-
-
-def line_to_metres(lengths: NDArray[Any], sizes: NDArray[Any]) -> tuple[float, float]:
-    """Return slope and offset of the line from a slot's object lengths (n,) to the robots' known sizes (n,) in metres.
-
-    By least squares, as the paper draws the free rectangle ahead: slope * L_env + offset is its side. ModelError if
-    the lengths are all the same.
-    """
-    if np.ptp(lengths) == 0:
-        msg = "The slot gives every robot the same length; no line maps it to metres. Choose another slot."
-        raise ModelError(msg)
-    slope, offset = np.polyfit(np.asarray(lengths, np.float64), np.asarray(sizes, np.float64), 1)
-    return float(slope), float(offset)
 
 
 def _as_asked(model: Any, clouds: Cloud) -> Any:

@@ -73,12 +73,12 @@ def ask(
     _check_kept(part, asker.dataset, order)
     if part.pairs < pairs:
         with HostedModel(asker.model, asker.dataset.task, asker.options) as hosted:
-            _note(part, hosted, prepare)
+            note(part, hosted, prepare)
             _ask_rest(asker, part, order, hosted, title, started)
     return _asked(part, order)
 
 
-def _note(part: Part, hosted: HostedModel, prepare: Prepare | None) -> None:
+def note(part: Part, hosted: HostedModel, prepare: Prepare | None) -> None:
     """Store how the model runs; of a part that goes on, check that it runs as before."""
     isolation = {k: v for k, v in hosted.isolation.items() if k != "kind"}
     before = part.about.get("isolation", isolation)

@@ -19,6 +19,7 @@ import typer
 from eigenbench.cli_data import data_app, download, publish
 from eigenbench.cli_hidden import gap, hidden_app
 from eigenbench.cli_leaderboard import leaderboard_app, submit
+from eigenbench.cli_navigate import navigate
 from eigenbench.cli_report import SHOWING
 from eigenbench.cli_shapes import shapes_app
 from eigenbench.cli_splits import split_of_run, split_to_score, withhold
@@ -39,6 +40,7 @@ app.add_typer(leaderboard_app, name="leaderboard")
 for command in SHOWING:
     app.command()(command)
 app.command()(train)
+app.command()(navigate)
 app.command()(download)
 app.command()(publish)
 app.command()(gap)
@@ -80,7 +82,7 @@ def main() -> None:
     if code == _INTERRUPTED:
         print(
             "error: interrupted. Finished shards are kept: the same `generate` or `download` goes on. So do `evaluate` "
-            "with --out and `train` with --resume.",
+            "and `navigate` with --out and `train` with --resume.",
             file=sys.stderr,
         )
     sys.exit(code)

@@ -7,8 +7,6 @@ interruption, a crash or a failing model, and ends with the same predictions and
 import os
 import platform
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,11 +16,11 @@ from eigenbench._version import DATA_VERSION, __version__
 from eigenbench.asking import CLOUDS, Asked, Asker, Prepare, Progress, ask
 from eigenbench.checking import CHECKED_PAIRS, quick_check
 from eigenbench.dataset import Dataset, load
-from eigenbench.errors import EigenbenchError, UsageError
+from eigenbench.errors import UsageError
 from eigenbench.frozen_subsets import Rows, few_shot_draw
 from eigenbench.hosting import HostedModel, HostOptions, split_model_name
 from eigenbench.intervals import SEED
-from eigenbench.journal import UNFINISHED, Journal
+from eigenbench.journal import Journal, begun
 from eigenbench.learning import (
     DataEfficiency,
     FewShot,
@@ -36,7 +34,6 @@ from eigenbench.provenance import ModelDigests, data_identity, hardware, model_d
 from eigenbench.report import write_report
 from eigenbench.results import RESULT, RESULT_VERSION, predictions_digest, write_run
 from eigenbench.scoring import Truth, score_predictions
-from eigenbench.scratch_folders import owned
 from eigenbench.told_apart import check_told_apart
 
 BATCH_SIZE = 256
@@ -136,7 +133,7 @@ def evaluate(
     asker = Asker(model, dataset, batch_size, replace(options, hidden=hidden), progress)
     digests = model_digests(path, options.checkpoint)
     request = _Request(str(model), path, name, digests, asker, few_shot, data_efficiency, checks)
-    with _begun(folder, request.identity()) as journal:
+    with begun(folder, request.identity()) as journal:
         result = _completed(request, journal, folder)
     if report:
         write_report(folder, dataset.folder)
@@ -244,41 +241,3 @@ def _run_folder(out: str | Path | None, model: Path, dataset: Dataset) -> Path:
         msg = f"{folder} holds a run already; choose another --out or remove it."
         raise UsageError(msg)
     return folder
-
-
-@contextmanager
-def _begun(folder: Path, identity: dict[str, Any]) -> Iterator[Journal]:
-    """Open or begin a run's journal; in the end it goes, unless answers are in it and the run is not whole.
-
-    The folder is made before the work, so that this cannot fail after it. Errors say what is kept and how to go on.
-    """
-    try:
-        new = [p for p in (folder, *folder.parents) if not p.exists()]
-        (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"Run folder {str(folder)[:200]} cannot be made: {error.strerror}. Choose another --out."
-        raise UsageError(msg) from error
-    with owned(folder / UNFINISHED):
-        journal = Journal(folder, identity)
-        try:
-            yield journal
-        except BaseException as error:
-            kept = journal.pairs_kept()
-            if not kept:
-                journal.remove()
-                _remove_empty(new)
-                raise
-            told = f"Kept so far: {kept:,} answers; the same command with --out {folder} goes on."
-            if isinstance(error, EigenbenchError):
-                msg = f"{error} {told}"
-                raise type(error)(msg, error.detail) from error
-            if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(told) from error
-            raise
-        journal.remove()
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    for path in folders:
-        with suppress(OSError):
-            path.rmdir()

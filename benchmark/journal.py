@@ -12,7 +12,8 @@ import json
 import secrets
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench.answers import BadAnswer, read_groups
-from eigenbench.errors import DataError, GenerationError, UsageError
+from eigenbench.errors import DataError, EigenbenchError, GenerationError, UsageError
 from eigenbench.records import Arrays, Groups
+from eigenbench.scratch_folders import owned
 from eigenbench.shards import publish, remove_leftovers, temporary_beside, write_text_atomically
 
 UNFINISHED = "unfinished"
@@ -135,6 +137,44 @@ class Journal:
     def remove(self) -> None:
         """Remove all of it: the run is whole, or holds nothing worth keeping."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+@contextmanager
+def begun(folder: Path, identity: dict[str, Any]) -> Iterator[Journal]:
+    """Open or begin a run's journal; in the end it goes, unless answers are in it and the run is not whole.
+
+    The folder is made before the work, so that this cannot fail after it. Errors say what is kept and how to go on.
+    """
+    try:
+        new = [p for p in (folder, *folder.parents) if not p.exists()]
+        (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"Run folder {str(folder)[:200]} cannot be made: {error.strerror}. Choose another --out."
+        raise UsageError(msg) from error
+    with owned(folder / UNFINISHED):
+        journal = Journal(folder, identity)
+        try:
+            yield journal
+        except BaseException as error:
+            kept = journal.pairs_kept()
+            if not kept:
+                journal.remove()
+                _remove_empty(new)
+                raise
+            told = f"Kept so far: {kept:,} answers; the same command with --out {folder} goes on."
+            if isinstance(error, EigenbenchError):
+                msg = f"{error} {told}"
+                raise type(error)(msg, error.detail) from error
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(told) from error
+            raise
+        journal.remove()
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for path in folders:
+        with suppress(OSError):
+            path.rmdir()
 
 
 def _read_json(path: Path) -> dict[str, Any]:
