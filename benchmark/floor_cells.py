@@ -63,7 +63,7 @@ def along(places: Floats) -> Floats:
     kept = places[np.concatenate([[True], np.any(np.diff(places, axis=0) != 0, axis=1)])]
     parts = int(np.ceil(np.linalg.norm(np.diff(kept, axis=0), axis=1).max(initial=0.0) / ALONG))
     if not parts:
-        return kept
+        return np.asarray(kept)
     share = np.arange(parts)[:, None, None] / parts
     between = kept[:-1] + share * np.diff(kept, axis=0)
     return np.concatenate([between.reshape(-1, 2), kept[-1:]])

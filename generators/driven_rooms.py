@@ -54,7 +54,7 @@ class DrivenRoom:
         grid = self._room.grid()
         region, largest = self._room.regions(size, grid)
         cells = np.argwhere(region == largest) if largest >= 0 else np.zeros((0, 2))
-        return np.array([grid.x, grid.y]) + (cells + 0.5) * grid.spacing
+        return np.asarray(np.array([grid.x, grid.y]) + (cells + 0.5) * grid.spacing)
 
     def free(self, poses: Floats, sizes: Floats) -> Bools:
         """Say (n,) whether a robot can stand there, touching nothing."""
@@ -131,4 +131,4 @@ def robot_cloud(diameter: float, height: float) -> NDArray[np.float32]:
     """Return a robot's surface (1024, 3), robot frame: a function of its size alone."""
     size = np.array([diameter, height])
     seed = int.from_bytes(hashlib.blake2b(size.tobytes(), digest_size=7).digest(), "little")
-    return robot_clouds(size[None], seed)[0]
+    return np.asarray(robot_clouds(size[None], seed)[0])
