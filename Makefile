@@ -55,6 +55,7 @@ bench: $(VENV)/bench ## seconds, memory, ratios to other engines and mismatches 
 	$(BIN)/python tests/bench_tube.py
 	$(BIN)/python tests/bench_shapes.py
 	$(BIN)/python tests/bench_navigation.py
+	$(BIN)/python tests/bench_navigate.py
 	$(BIN)/python tests/bench_training.py
 
 freeze: $(VENV)/core ## make and record the frozen splits that have no record yet: the full data, task by task

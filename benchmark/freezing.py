@@ -12,7 +12,7 @@ from eigenbench._version import DATA_VERSION
 from eigenbench.dataset import Dataset
 from eigenbench.errors import DataError
 from eigenbench.frozen import FrozenTask, Index, first_difference, record_name
-from eigenbench.frozen_subsets import DRAWS, SIZES, analysis_rows, few_shot_draw, ids_digest, nested_subset
+from eigenbench.frozen_subsets import DRAWS, analysis_rows, few_shot_draw, ids_digest, nested_sizes, nested_subset
 from eigenbench.manifest import manifest_text
 from eigenbench.shards import write_text_atomically
 from eigenbench.validation_pairs import split_rows
@@ -37,7 +37,7 @@ def _train_lists(train: Dataset) -> Iterator[tuple[str, NDArray[np.uint64]]]:
     yield "validation", ids[validate]
     for draw in range(DRAWS):
         yield f"few-shot {draw}", ids[few_shot_draw(task, draw, ids)]
-    for size in SIZES:
+    for size in nested_sizes(len(ids)):
         yield f"subset {size}", ids[nested_subset(task, 0, ids, size)]
 
 

@@ -33,6 +33,11 @@ def few_shot_draw(task: str, draw: int, pair_id: Ids, pairs: int = DRAW_PAIRS) -
     return smallest_keys(f"few-shot {task} {draw}", pair_id, pairs)
 
 
+def nested_sizes(pairs: int) -> tuple[int, ...]:
+    """Return the sizes of the nested subsets of a train split: those of SIZES below its own, and its own."""
+    return (*(size for size in SIZES if size < pairs), pairs)
+
+
 def nested_subset(task: str, chain: int, pair_id: Ids, pairs: int) -> Rows:
     """Return the rows (pairs,) of a frozen subset of a train split with ids (n,), in frozen order.
 

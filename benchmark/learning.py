@@ -17,10 +17,10 @@ from eigenbench.errors import DataError, UsageError
 from eigenbench.frozen_subsets import (
     DRAW_PAIRS,
     DRAWS,
-    SIZES,
     Rows,
     few_shot_draw,
     ids_digest,
+    nested_sizes,
     nested_subset,
 )
 from eigenbench.host_options import MAX_SECONDS, Budget
@@ -112,7 +112,7 @@ def chosen_sizes(asked: DataEfficiency, train: Dataset) -> tuple[int, ...]:
     if asked.sizes and max(asked.sizes) > pairs:
         msg = f"Size {max(asked.sizes):,} is more than the {pairs:,} pairs of {train.folder}; leave it out of --sizes."
         raise UsageError(msg)
-    return tuple(sorted(asked.sizes or {*(s for s in SIZES if s < pairs), pairs}))
+    return tuple(sorted(asked.sizes or nested_sizes(pairs)))
 
 
 def run_few_shot(asker: Asker, journal: Journal, asked: FewShot, can: Sequence[str], truth: Truth) -> Learnt:

@@ -146,7 +146,7 @@ def test_paper_schedule_trains_as_well(small, tmp_path):
 
 
 def test_validation_shares_no_shape_with_training(every_task):
-    """No object and no environment shape is on both sides; the choice does not depend on the pairs' order."""
+    """No object and no environment shape is on both sides, unless there is but one (the room of `navigation-paper`)."""
     for name, folder in every_task.items():
         dataset = eigenbench.load(folder)
         kept, held = split_rows(dataset, 8)
@@ -155,7 +155,7 @@ def test_validation_shares_no_shape_with_training(every_task):
         for side in ("obj_shape", "env_shape"):
             shapes = dataset.column(side)
             common = set(shapes[kept]) & set(shapes[held])
-            assert common <= {b"primitive"}, name
+            assert common <= {b"primitive"} or len(set(shapes)) == 1, name
 
 
 def test_command_trains(small, tmp_path):
