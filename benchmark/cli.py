@@ -18,6 +18,17 @@ import typer
 
 from eigenbench.cli_data import data_app, download, publish
 from eigenbench.cli_hidden import gap, hidden_app
+from eigenbench.cli_host import (
+    BuildTimeout,
+    Checkpoint,
+    Device,
+    Isolation,
+    Memory,
+    Processes,
+    Scratch,
+    Timeout,
+    host_options,
+)
 from eigenbench.cli_leaderboard import leaderboard_app, submit
 from eigenbench.cli_navigate import navigate
 from eigenbench.cli_report import SHOWING
@@ -50,20 +61,12 @@ app.command()(submit)
 
 _INTERRUPTED = 130
 
-Timeout = Annotated[float, typer.Option(help="Seconds for one call of predict.")]
-BuildTimeout = Annotated[float, typer.Option(help="Seconds for import and build.")]
-Memory = Annotated[float, typer.Option(help="Memory of all the model's processes, GiB.")]
-Scratch = Annotated[float, typer.Option(help="Disk for all that the model writes, GiB.")]
-Processes = Annotated[int, typer.Option(help="Processes and threads of the model at a time.")]
-Device = Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")]
-Checkpoint = Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")]
 FewShotOption = Annotated[
     Path | None, typer.Option("--few-shot", help="Train split of the same task: the model adapts to draws of it.")
 ]
 DataEfficiencyOption = Annotated[
     Path | None, typer.Option("--data-efficiency", help="Train split of the same task: the model fits subsets of it.")
 ]
-Isolation = Annotated[str, typer.Option(help="auto, none, rlimits, landlock or bubblewrap.")]
 
 
 def main() -> None:
@@ -265,7 +268,7 @@ def evaluate(
 
     split_model_name(model)  # refused before any data are brought
     place = split_to_score(data, task, fresh, hidden, as_json)
-    options = _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
+    options = host_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
     if hidden:
         options = replace(options, hidden=(hidden.resolve(),))
     with kept_told(), progress_on(as_json) as progress:
@@ -301,30 +304,6 @@ def _sizes(text: str | None) -> tuple[int, ...]:
     except ValueError as error:
         msg = f"Sizes are '{text}'; they must be whole numbers with commas between, such as 300,1000,3000."
         raise UsageError(msg) from error
-
-
-def _options(
-    timeout: float,
-    build_timeout: float,
-    memory: float,
-    scratch: float,
-    processes: int,
-    device: str,
-    checkpoint: str | None,
-    isolation: str,
-) -> Any:
-    from eigenbench.host_options import HostOptions
-
-    return HostOptions(
-        isolation=isolation,
-        timeout=timeout,
-        build_timeout=build_timeout,
-        memory_gib=memory,
-        scratch_gib=scratch,
-        processes=processes,
-        device=device,
-        checkpoint=checkpoint,
-    )
 
 
 @app.command()
@@ -392,7 +371,7 @@ def check(
     from eigenbench.tables import print_findings
 
     findings = try_out(
-        model, task, _options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
+        model, task, host_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
     )
     if as_json:
         print(json.dumps([asdict(f) for f in findings]))

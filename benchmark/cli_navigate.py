@@ -6,6 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
+from eigenbench.cli_host import (
+    BuildTimeout,
+    Checkpoint,
+    Device,
+    Isolation,
+    Memory,
+    Processes,
+    Scratch,
+    Timeout,
+    host_options,
+)
 from eigenbench.console import Json, kept_told, progress_on
 from eigenbench.errors import UsageError, printable
 
@@ -29,34 +40,24 @@ def navigate(
     bumper: Annotated[bool, typer.Option("--bumper", help="A collision turns the robot; else it stays.")] = False,
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/navigate-<model>-<time>.")] = None,
     batch_size: Annotated[int, typer.Option(help="Views per call of predict.")] = 256,
-    timeout: Annotated[float, typer.Option(help="Seconds for one call of predict.")] = 120.0,
-    build_timeout: Annotated[float, typer.Option(help="Seconds for import and build.")] = 30.0,
-    memory: Annotated[float, typer.Option(help="Memory of all the model's processes, GiB.")] = 4.0,
-    scratch: Annotated[float, typer.Option(help="Disk for all that the model writes, GiB.")] = 1.0,
-    processes: Annotated[int, typer.Option(help="Processes and threads of the model at a time.")] = 128,
-    device: Annotated[str, typer.Option(help="Passed to build: cpu, cuda, ...")] = "cpu",
-    checkpoint: Annotated[str | None, typer.Option(help="Passed to build: the file of the model's weights.")] = None,
-    isolation: Annotated[str, typer.Option(help="auto, none, rlimits, landlock or bubblewrap.")] = "auto",
+    timeout: Timeout = 120.0,
+    build_timeout: BuildTimeout = 30.0,
+    memory: Memory = 4.0,
+    scratch: Scratch = 1.0,
+    processes: Processes = 128,
+    device: Device = "cpu",
+    checkpoint: Checkpoint = None,
+    isolation: Isolation = "auto",
     checks: Annotated[bool, typer.Option(help="Check the model on some views first.")] = True,
     report: Annotated[bool, typer.Option(help="Write navigation.html into the run folder.")] = True,
     as_json: Json = False,
 ) -> None:
     """Let a model, shut off from the truth, drive robots through rooms. Run again with its --out, it goes on."""
-    from eigenbench.host_options import HostOptions
     from eigenbench.loop_files import PAGE
     from eigenbench.loop_tables import print_loop
     from eigenbench.navigation import navigate as run
 
-    options = HostOptions(
-        isolation=isolation,
-        timeout=timeout,
-        build_timeout=build_timeout,
-        memory_gib=memory,
-        scratch_gib=scratch,
-        processes=processes,
-        device=device,
-        checkpoint=checkpoint,
-    )
+    options = host_options(timeout, build_timeout, memory, scratch, processes, device, checkpoint, isolation)
     course = _course(rooms, count, scene or [], starts, seed, (diameter, height))
     with kept_told(), progress_on(as_json) as progress:
         done = run(

@@ -4,7 +4,6 @@ What is answered is kept in the run folder as it comes (`journal`), so that the 
 interruption, a crash or a failing model, and ends with the same predictions and scores.
 """
 
-import os
 import platform
 import time
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +19,7 @@ from eigenbench.errors import UsageError
 from eigenbench.frozen_subsets import Rows, few_shot_draw
 from eigenbench.hosting import HostedModel, HostOptions, split_model_name
 from eigenbench.intervals import SEED
-from eigenbench.journal import Journal, begun
+from eigenbench.journal import Journal, begun, new_run_folder
 from eigenbench.learning import (
     DataEfficiency,
     FewShot,
@@ -233,11 +232,4 @@ def _run_folder(out: str | Path | None, model: Path, dataset: Dataset) -> Path:
     recipe = dataset.manifest.recipe
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     default = Path("runs") / f"{model.stem}-{recipe.task}-{recipe.split}-{stamp}"
-    folder = Path(out) if out is not None else default
-    if model.is_relative_to(folder.resolve()):
-        msg = f"{folder} holds the model itself; --out must name a folder of its own."
-        raise UsageError(msg)
-    if os.path.exists(folder / RESULT):  # noqa: PTH110 - Path.exists raises where a name is too long
-        msg = f"{folder} holds a run already; choose another --out or remove it."
-        raise UsageError(msg)
-    return folder
+    return new_run_folder(Path(out) if out is not None else default, model, RESULT)

@@ -9,6 +9,7 @@ appears whole or not at all. The folder is hidden from the model and removed onc
 """
 
 import json
+import os
 import secrets
 import shutil
 import zipfile
@@ -137,6 +138,17 @@ class Journal:
     def remove(self) -> None:
         """Remove all of it: the run is whole, or holds nothing worth keeping."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def new_run_folder(folder: Path, model: Path, result: str) -> Path:
+    """Return the folder of a run to come; UsageError if it holds the model, or a `result` of an earlier run."""
+    if model.is_relative_to(folder.resolve()):
+        msg = f"{folder} holds the model itself; --out must name a folder of its own."
+        raise UsageError(msg)
+    if os.path.exists(folder / result):  # noqa: PTH110 - Path.exists raises where a name is too long
+        msg = f"{folder} holds a run already; choose another --out or remove it."
+        raise UsageError(msg)
+    return folder
 
 
 @contextmanager

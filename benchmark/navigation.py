@@ -6,7 +6,6 @@ that the same command goes on after an interruption and ends with the same paths
 """
 
 import hashlib
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from eigenbench.errors import UsageError
 from eigenbench.floor_cells import CELL, FreeFloor, free_floor
 from eigenbench.free_rectangle import fit_lines
 from eigenbench.hosting import HostedModel, HostOptions, split_model_name
-from eigenbench.journal import Journal, begun
+from eigenbench.journal import Journal, begun, new_run_folder
 from eigenbench.loop_files import NAVIGATION, NAVIGATION_VERSION, PAGE, paths_digest, write_loop
 from eigenbench.loop_page import write_loop_page
 from eigenbench.loop_record import Driven, Told
@@ -250,11 +249,5 @@ def _provenance(
 
 def _run_folder(out: str | Path | None, model: Path) -> Path:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    folder = Path(out) if out is not None else Path("runs") / f"navigate-{model.stem}-{stamp}"
-    if model.is_relative_to(folder.resolve()):
-        msg = f"{folder} holds the model itself; --out must name a folder of its own."
-        raise UsageError(msg)
-    if os.path.exists(folder / NAVIGATION):  # noqa: PTH110 - Path.exists raises where a name is too long
-        msg = f"{folder} holds a run already; choose another --out or remove it."
-        raise UsageError(msg)
-    return folder
+    default = Path("runs") / f"navigate-{model.stem}-{stamp}"
+    return new_run_folder(Path(out) if out is not None else default, model, NAVIGATION)

@@ -21,7 +21,18 @@ ASKS_GENERATORS = "benchmark/shape_cavities.py"
 """The one module of benchmark/, beside the command line, that reaches into generators, inside a function."""
 COMMAND_LINE = tuple(
     f"cli{name}.py"
-    for name in ("", "_data", "_hidden", "_leaderboard", "_navigate", "_report", "_shapes", "_splits", "_train")
+    for name in (
+        "",
+        "_data",
+        "_hidden",
+        "_host",
+        "_leaderboard",
+        "_navigate",
+        "_report",
+        "_shapes",
+        "_splits",
+        "_train",
+    )
 )
 TARGETS = ["help", "demo", "test", "check", "bench", "freeze", "verify-splits", "clean"]
 HEAVY = ("torch", "numba", "fcl", "trimesh", "pandas", "plotly", "scipy", "h5py", "numpy", "rich", "PIL")
@@ -57,6 +68,7 @@ def test_cli_imports_inside_its_commands():
         "eigenbench._version",
         "eigenbench.cli_data",
         "eigenbench.cli_hidden",
+        "eigenbench.cli_host",
         "eigenbench.cli_leaderboard",
         "eigenbench.cli_navigate",
         "eigenbench.cli_report",
