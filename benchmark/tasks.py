@@ -25,6 +25,8 @@ class TaskSpec:
     rotated : the whole scene is turned by one rotation, uniform over SO(3)
     axes : the scene's axis (0, 1, 2) along which each length is measured, None where it has no direction (a radius, a
         diameter); empty where the task does not say, and then nothing checks directions
+    drawn_object : category of the objects where they are drawn afresh
+    egocentric : clouds are in the object's own frame, where it stands; nothing is centred on boxes
     """
 
     name: str
@@ -37,16 +39,8 @@ class TaskSpec:
     ruled: bool = True
     rotated: bool = False
     axes: tuple[int | None, ...] = ()
-
-    @property
-    def egocentric(self) -> bool:
-        """Whether clouds are in the object's own frame, where it stands: nothing is centred on boxes."""
-        return self.family == "navigation"
-
-    @property
-    def drawn_object(self) -> str:
-        """Category of an object that is drawn afresh."""
-        return "robot" if self.family == "navigation" else "peg"
+    drawn_object: str = "peg"
+    egocentric: bool = False
 
     @property
     def family(self) -> str:
@@ -124,7 +118,19 @@ TASKS: dict[str, TaskSpec] = {
             rotated=True,
             axes=(0, 1, 2),
         ),
-        TaskSpec("navigation", _DRIVE, 2, ("width", "height"), ((0, 1),), "room", None, ruled=False, axes=(1, 2)),
+        TaskSpec(
+            "navigation",
+            _DRIVE,
+            2,
+            ("width", "height"),
+            ((0, 1),),
+            "room",
+            None,
+            ruled=False,
+            axes=(1, 2),
+            drawn_object="robot",
+            egocentric=True,
+        ),
         TaskSpec(
             "navigation-paper",
             _DRIVE + "; one room for training, another for testing",
@@ -135,6 +141,8 @@ TASKS: dict[str, TaskSpec] = {
             None,
             ruled=False,
             axes=(1, 2),
+            drawn_object="robot",
+            egocentric=True,
         ),
     )
 }
