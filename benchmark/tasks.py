@@ -27,6 +27,7 @@ class TaskSpec:
         diameter); empty where the task does not say, and then nothing checks directions
     drawn_object : category of the objects where they are drawn afresh
     egocentric : clouds are in the object's own frame, where it stands; nothing is centred on boxes
+    pairs : of the full train split and of the full test split, as in the paper
     """
 
     name: str
@@ -41,11 +42,16 @@ class TaskSpec:
     axes: tuple[int | None, ...] = ()
     drawn_object: str = "peg"
     egocentric: bool = False
+    pairs: tuple[int, int] = (75_000, 20_000)
 
     @property
     def family(self) -> str:
         """Name of the module that generates the task: its name up to the first hyphen."""
         return self.name.partition("-")[0]
+
+    def full_size(self, split: str) -> int:
+        """Return how many pairs a split, "train" or "test", has unless another number is asked for."""
+        return self.pairs[SPLITS.index(split)]
 
 
 _TUBE = "lets it pass along x right through the rectangular tube, touching no wall"
@@ -143,6 +149,7 @@ TASKS: dict[str, TaskSpec] = {
             axes=(1, 2),
             drawn_object="robot",
             egocentric=True,
+            pairs=(6_989, 756),
         ),
     )
 }

@@ -26,11 +26,6 @@ from eigenbench.shard_format import FILES, PAIRS_PER_SHARD, content_digest, shar
 from eigenbench.shards import read_shard, staged_shard
 from eigenbench.tasks import SPLITS, TASKS, find_task
 
-FULL_SIZE = {"train": 75_000, "test": 20_000}
-"""Pairs of each split, as in the paper."""
-PAPER_VIEWS = {"train": 6_989, "test": 756}
-"""Views of each split of the paper's navigation."""
-
 Progress = Callable[[str, int, int], None]
 """Called with (split, pairs done, pairs in all)."""
 Skipped = Callable[[str, str], None]
@@ -171,7 +166,7 @@ def generate(
             try:
                 plan = []
                 for name in SPLITS if split == "all" else (split,):
-                    size = full_size(task_name, name) if pairs is None else pairs
+                    size = find_task(task_name).full_size(name) if pairs is None else pairs
                     recipe = Recipe(task_name, name, size, seed, protocol, draws, engine, audit, kind)
                     stock = load_stock(shapes, name, find_task(task_name), load)
                     recipe = replace(recipe, shapes_digest=stock.digest)
@@ -187,11 +182,6 @@ def generate(
             plans += plan
         shown = progress and _named(progress, len(tasks) > 1)
         return _generate([SplitRun.of(*plan, shapes, pool) for plan in plans], pool, shown)
-
-
-def full_size(task: str, split: str) -> int:
-    """Return how many pairs a split of a task has unless another number is asked for."""
-    return (PAPER_VIEWS if task == "navigation-paper" else FULL_SIZE)[split]
 
 
 def chosen_tasks(names: str) -> tuple[str, ...]:

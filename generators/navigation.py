@@ -52,10 +52,11 @@ GROWN = 4.0
 """The margin tells by how much the robot could grow, or would have to shrink, up to this factor."""
 STEPS, DRAWING_STEPS = 28, 12
 """Halvings of an interval when a critical size is sought: the margin's, and the one that sizes are drawn about."""
-POSITIVES_KEPT = 0.85
+POSITIVES_KEPT = 0.9
 """Of the pairs that pass, the share that is kept, so that about half of all do."""
 EDGE = 1.05
-"""Where a robot just passes, smaller and larger ones by this factor must exist."""
+"""Where a robot just passes, smaller and larger ones by this factor must exist; and no robot that is drawn is nearer to
+the smallest or the largest than that: almost all of the smallest pass, and of the largest none."""
 ROOFLESS_KEPT = 0.18
 """Of the places where nothing low hangs over the way, the share that is kept, so that heights decide often enough."""
 AMPLE = 1.25
@@ -220,7 +221,7 @@ def drawn_size(
         size = size_between(key, pair, attempt, critical, apart, rows, row)
     else:
         size = size_object(key, pair, attempt, law, critical, DIAMETER[0], _LOG_DIAMETER, rows, row)
-    if not least <= size <= most:
+    if not least * EDGE <= size <= most / EDGE:
         return 0.0, 0.0
     return size, on_length_grid(size * slope)
 

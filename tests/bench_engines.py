@@ -16,13 +16,12 @@ from bench_fit import coal_models, fcl_models, mesh_of, rows_of, trimesh_models
 
 from eigenbench.generators.building import Block, Maker, build
 from eigenbench.generators.compiled import sources_digest
-from eigenbench.generators.generation import FULL_SIZE
 from eigenbench.generators.relabelling import disagreement, relabel
 from eigenbench.generators.stock import load_stock
 from eigenbench.generators.workers import run_jobs
 from eigenbench.records import Recipe
 from eigenbench.shards import write_text_atomically
-from eigenbench.tasks import TASKS, find_task
+from eigenbench.tasks import SPLITS, TASKS, find_task
 
 WORKERS = 2
 CHUNK = 100
@@ -46,7 +45,7 @@ def maker_of(task: str, split: str, source: str = "default") -> Maker:
 def warm(tasks: tuple[str, ...]) -> None:
     """Build the shapes of tasks and compile their kernels, so that no clock sees it."""
     for task in tasks:
-        for split in FULL_SIZE:
+        for split in SPLITS:
             build(maker_of(task, split), 0, 2)
 
 

@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,8 @@ from bench_engines import WORKERS, engines, maker_of, mismatches, say, warm
 
 from eigenbench.errors import EigenbenchError
 from eigenbench.generators.building import build
-from eigenbench.generators.generation import FULL_SIZE, generate
-from eigenbench.tasks import PAPER_TASKS, find_task
+from eigenbench.generators.generation import generate
+from eigenbench.tasks import PAPER_TASKS, SPLITS, TASKS, find_task
 
 WRITE = 2**26
 """Bytes of one write of the plain file."""
@@ -104,7 +104,7 @@ def plain_write(folder: Path, size: int) -> float:
 def data(sizes: Sizes, folder: Path | None) -> None:
     """Six paper tasks, written and synced, beside a plain file of as many bytes."""
     warm(PAPER_TASKS)
-    counts = {split: size // sizes.share for split, size in FULL_SIZE.items()}
+    counts = {split: TASKS["tube"].full_size(split) // sizes.share for split in SPLITS}
     clock = Clock()
     with scratch(folder) as out:
         with replaced_sizes(counts):
@@ -136,12 +136,12 @@ def data(sizes: Sizes, folder: Path | None) -> None:
 @contextlib.contextmanager
 def replaced_sizes(counts: dict[str, int]) -> Iterator[None]:
     """Let `generate` make these numbers of pairs by default."""
-    before = dict(FULL_SIZE)
-    FULL_SIZE.update(counts)
+    before = {name: TASKS[name] for name in PAPER_TASKS}
+    TASKS.update({name: replace(spec, pairs=tuple(counts[split] for split in SPLITS)) for name, spec in before.items()})
     try:
         yield
     finally:
-        FULL_SIZE.update(before)
+        TASKS.update(before)
 
 
 def workers(sizes: Sizes, folder: Path | None) -> None:

@@ -13,7 +13,7 @@ from eigenbench.generators import relabelling, scene_files
 from eigenbench.generators.building import Maker, build
 from eigenbench.generators.deep import verify_deep
 from eigenbench.generators.furnished import FurnishedRoom, find_room, open_scene, plain_room, room_names
-from eigenbench.generators.generation import full_size, generate
+from eigenbench.generators.generation import generate
 from eigenbench.generators.meshes import as_glb
 from eigenbench.generators.navigation_fcl import swept_prism
 from eigenbench.generators.passing import CLEARANCE, FORWARD
@@ -26,7 +26,7 @@ from eigenbench.generators.solids import Mesh
 from eigenbench.generators.stock import load_stock
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Recipe
-from eigenbench.tasks import find_task
+from eigenbench.tasks import TASKS, find_task
 from eigenbench.verification import verify
 
 PAIRS = 120
@@ -210,8 +210,8 @@ def test_files_are_those_of_any_task(tmp_path):
 
 def test_sizes_of_the_splits():
     """Mode paper has the paper's 6,989 and 756 views."""
-    assert [full_size("navigation-paper", s) for s in ("train", "test")] == [6_989, 756]
-    assert [full_size("navigation", s) for s in ("train", "test")] == [75_000, 20_000]
+    assert TASKS["navigation-paper"].pairs == (6_989, 756)
+    assert TASKS["navigation"].pairs == (75_000, 20_000)
 
 
 def save(tmp_path, triangles, scale=1.0):

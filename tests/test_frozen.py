@@ -11,10 +11,9 @@ from eigenbench.errors import DataError, UsageError
 from eigenbench.freezing import check_record, write_record
 from eigenbench.frozen import first_difference, frozen_split, frozen_task, frozen_tasks, is_frozen, read_record
 from eigenbench.frozen_subsets import ANALYSIS_PAIRS, DRAW_PAIRS, DRAWS, SIZES
-from eigenbench.generators.generation import full_size
 from eigenbench.manifest import read_manifest
 from eigenbench.records import Recipe
-from eigenbench.tasks import PAPER_TASKS
+from eigenbench.tasks import PAPER_TASKS, find_task
 from eigenbench.validation_pairs import VALIDATION_PAIRS
 
 
@@ -25,7 +24,7 @@ def test_the_tasks_of_the_paper_are_frozen():
         record = frozen_task(task)
         assert (record.task, record.version, list(record.splits)) == (task, DATA_VERSION, ["train", "test"])
         for split, manifest in record.splits.items():
-            recipe = Recipe(task, split, full_size(task, split), shapes_digest=manifest.recipe.shapes_digest)
+            recipe = Recipe(task, split, find_task(task).full_size(split), shapes_digest=manifest.recipe.shapes_digest)
             assert manifest.recipe == recipe
             assert manifest.audit.mismatches == 0
             assert is_frozen(manifest)
@@ -36,7 +35,7 @@ def test_the_lists_are_frozen():
     for task in frozen_tasks():
         lists = frozen_task(task).indices
         assert lists["analysis"].pairs == ANALYSIS_PAIRS
-        pairs = full_size(task, "train")
+        pairs = find_task(task).full_size("train")
         held = min(VALIDATION_PAIRS, pairs // 10)
         assert 0.5 * held < lists["validation"].pairs <= held
         assert lists["training"].pairs + lists["validation"].pairs <= pairs

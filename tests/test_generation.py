@@ -16,12 +16,12 @@ from material import write_shard
 
 from eigenbench.errors import DataError, EigenbenchError, GenerationError, ShapeError, UsageError
 from eigenbench.generators import generation, outputs, relabelling
-from eigenbench.generators.generation import FULL_SIZE, generate
+from eigenbench.generators.generation import generate
 from eigenbench.generators.outputs import Folder
 from eigenbench.manifest import read_manifest
 from eigenbench.shard_format import PAIRS_PER_SHARD, shard_name
 from eigenbench.shards import read_shard
-from eigenbench.tasks import TASKS
+from eigenbench.tasks import PAPER_TASKS, TASKS
 from eigenbench.verification import verify
 
 
@@ -353,7 +353,7 @@ def test_manifest_says_how_it_was_made(test_split):
         assert set(h5) == {"pair_id", "env_points", "obj_points"}
         assert json.loads(h5.attrs["about"]) == {}
         assert set(h5.attrs) == {"about", "digest", "format_version"}
-    assert FULL_SIZE == {"train": 75_000, "test": 20_000}
+    assert {TASKS[task].pairs for task in PAPER_TASKS} == {(75_000, 20_000)}
 
 
 def test_a_manifest_of_another_kind(tmp_path):
