@@ -6,6 +6,7 @@ from typing import Any
 
 from eigenbench.errors import ModelError
 from eigenbench.pickles import BadCheckpoint, check_checkpoint
+from eigenbench.tasks import TASKS, same_question
 
 TORCH_FILES = (".pt", ".pth", ".bin", ".ckpt")
 TASK = "task"
@@ -21,7 +22,7 @@ def load_checkpoint(path: str | Path, task: str | None = None, device: str = "cp
     path : `.safetensors` (preferred), a torch file (`.pt`, `.pth`, `.bin`, `.ckpt`; read with `weights_only=True`)
         or `.npz`
     task : name of the task that the model is for; a safetensors file whose metadata entry `task` names another
-        is refused
+        is refused, unless both ask the same question (`tasks.same_question`)
     device : where tensors are put
 
     Raises
@@ -54,9 +55,14 @@ def refuse_dangerous(path: Path) -> None:
         raise ModelError(msg) from error
 
 
+def _suits(made_for: str, task: str) -> bool:
+    both_known = made_for in TASKS and task in TASKS
+    return made_for == task or (both_known and same_question(TASKS[made_for], TASKS[task]))
+
+
 def _load_safetensors(path: Path, task: str | None, device: str) -> dict[str, Any]:
     made_for = _metadata(path).get(TASK)
-    if task is not None and made_for is not None and made_for != task:
+    if task is not None and made_for is not None and not _suits(made_for, task):
         msg = f"Checkpoint {path.name} was trained for the task '{made_for}', not for '{task}'."
         raise ModelError(msg)
     try:

@@ -207,3 +207,12 @@ def find_task(name: str) -> TaskSpec:
         bound = tuple(axis for axis in range(3) if faces[2 * axis] and faces[2 * axis + 1])
         return replace(box, name=name, clauses=(bound,))
     return TASKS[choose("task", name, TASKS)]
+
+
+def same_question(first: TaskSpec, second: TaskSpec) -> bool:
+    """Say whether two tasks differ in nothing but where their environments come from and how many pairs they have.
+
+    A model of one can then be asked about the other, such as one of `navigation` about `navigation-paper`.
+    """
+    alike = replace(first, name=second.name, fits=second.fits, environment=second.environment, pairs=second.pairs)
+    return first.family == second.family and alike == second

@@ -1,5 +1,6 @@
 """Checkpoints: what is read, what is refused, and that nothing dangerous ever runs outside the sandbox."""
 
+import contextlib
 import json
 import os
 import pickle
@@ -16,6 +17,7 @@ from material import answer, model
 import eigenbench
 from eigenbench.errors import ModelError, UsageError
 from eigenbench.pickles import BadCheckpoint, check_checkpoint
+from eigenbench.tasks import TASKS
 
 STRONGEST = [level for level, reason in levels().items() if not reason][-1]
 
@@ -144,6 +146,20 @@ def test_safetensors(tmp_path):
     assert eigenbench.load_checkpoint(path)["w"].tolist() == [1, 2]
     with pytest.raises(ModelError, match="was trained for the task 'tube', not for 'fit'"):
         eigenbench.load_checkpoint(path, task="fit")
+
+
+def test_weights_for_the_same_question(tmp_path):
+    """What learnt in many rooms may be asked about one, and the other way round; no other tasks share weights."""
+    pytest.importorskip("safetensors", reason="safetensors is in the extra torch")
+    pytest.importorskip("torch", reason="torch is an extra")
+    for made_for in (*TASKS, "box-110000", "elsewhere"):
+        path, taken = safetensors(tmp_path / f"{made_for}.safetensors", {"task": made_for}), set()
+        for task in (*TASKS, "box-110000"):
+            with contextlib.suppress(ModelError):
+                eigenbench.load_checkpoint(path, task=task)
+                taken.add(task)
+        rooms = {"navigation", "navigation-paper"}
+        assert taken == (rooms if made_for in rooms else {made_for} - {"elsewhere"})
 
 
 @pytest.mark.parametrize("length", [0x80, 0x280, 0x380, 0x580, 0x680, 0xFF80])
