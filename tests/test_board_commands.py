@@ -9,11 +9,14 @@ from eigenbench import frozen
 from eigenbench._version import DATA_VERSION
 from eigenbench.cli import app
 from eigenbench.errors import UsageError
+from eigenbench.evaluation import evaluate
 from eigenbench.freezing import write_record
 from eigenbench.frozen import FrozenTask
 from eigenbench.leaderboard import ours
 from eigenbench.leaderboard.chain import read_chain
+from eigenbench.leaderboard.standing import entries_of
 from eigenbench.manifest import read_manifest
+from eigenbench.tasks import TASKS
 
 
 def typed(*arguments) -> str:
@@ -103,3 +106,25 @@ def test_our_entries_are_made_by_one_command(tmp_path, board_data, monkeypatch, 
     assert said.count("re-run") == 2
     ours.main()
     assert read_chain(tmp_path / "b")[-1].digest == head
+
+
+def test_a_trained_baseline_gets_an_entry(tmp_path, small, board_data, monkeypatch, capsys):
+    """An evaluated run of the experiments is submitted as it is, told as it was trained, and made once more."""
+    pytest.importorskip("torch", reason="torch is an extra")
+    from eigenbench.baselines.implicit import Implicit
+    from eigenbench.baselines.schedule import Schedule
+    from eigenbench.baselines.training import train
+
+    schedule = Schedule(epochs=1, batches=2, batch_size=8, points=32)
+    run = train("implicit", "tube", small, tmp_path / "trained" / "a-implicit-tube", schedule)
+    train("implicit", "tube", small, tmp_path / "trained" / "a-direct-tube", schedule)  # not evaluated: no candidate
+    evaluate(run / "model.py", board_data / "tube" / "test", run / "evaluation", report=False)
+    options = {"board": tmp_path / "b", "data": board_data, "runs": tmp_path / "r", "trained": tmp_path / "trained"}
+    arguments = ["ours", "--only", "constant", "--task", "tube", *(f"--{k}={v}" for k, v in options.items())]
+    monkeypatch.setattr("sys.argv", arguments)
+    ours.main()
+    assert capsys.readouterr().out.count("re-run") == 2
+    body = next(e.body for e in entries_of(read_chain(tmp_path / "b")) if "Implicit" in e.body["model"]["name"])
+    assert body["model"]["parameters"] == sum(p.numel() for p in Implicit(TASKS["tube"]).parameters())
+    assert "--epochs 1 --points 32: at most 2 batches of 8 pairs" in body["model"]["note"]
+    assert [p.name for p in (tmp_path / "r").iterdir() if "implicit" in p.name] == ["a-implicit-tube-2"]
