@@ -1,23 +1,14 @@
-"""Pictures of shapes against closed forms; exported shapes read back; `eigenbench shapes` as a user runs it."""
-
-import json
-import os
-import re
-import sys
+"""Pictures of shapes against closed forms, and contact sheets."""
 
 import numpy as np
 import pytest
 from material import box_mesh
 from PIL import Image as PillowImage
-from test_cli import fails, run
 
-from eigenbench.errors import UsageError
 from eigenbench.generators import rasterising
 from eigenbench.generators.catalogue import make_shape
 from eigenbench.generators.contact_sheets import draw, sheet, write_png
-from eigenbench.generators.exporting import FORMAT, MEASURES, as_obj, export
-from eigenbench.generators.holdings import COUNTS
-from eigenbench.generators.meshes import as_glb, read_mesh
+from eigenbench.generators.meshes import read_mesh
 from eigenbench.generators.primitives import ellipse_section, revolve
 from eigenbench.generators.rendering import (
     BACKGROUND,
@@ -39,7 +30,6 @@ from eigenbench.generators.solids import Mesh, carved
 
 UNCUT = np.array([0.0, 0.0, 0.0, -1.0])
 FRONT = View(VIEWS["front"])
-PARTS = ["object", "environment", "mug"]
 
 
 def raster(corners, size=32, plane=UNCUT):
@@ -261,240 +251,6 @@ def test_names_that_cannot_be_drawn():
     assert width == draw(select(shelf, category="bottle", count=5)).shape[1]
     for index in (1, 2):
         assert draw(select(shelf, category="bottle", chosen=[index])).ndim == 3
-
-
-def test_selection_spreads_and_counts():
-    """Counts are the table's; a few of many are spread over both ends; chosen indices keep their order."""
-    shelf = open_source("default")
-    rows = {(r["role"], r["split"], r["category"]): r["count"] for r in shelf.rows()}
-    assert rows == {(r, s, c): n for r in COUNTS for s in COUNTS[r] for c, n in COUNTS[r][s].items() if n}
-    role, category = next(iter(shelf.counts))
-    total = sum(shelf.counts[role, category].values())
-    assert select(shelf, role, category)[0].indices == tuple(range(total))
-    few = select(shelf, role, category, count=4)[0].indices
-    assert few == tuple(k * total // 4 for k in range(4))
-    assert select(shelf, role, category, chosen=[3, 1])[0].indices == (3, 1)
-    index, shape = next(select(shelf, role, category, chosen=[3])[0].shapes())
-    assert (index, shape.name) == (3, make_shape(role, category, 3).name)
-    with pytest.raises(UsageError, match="An index needs one role and category"):
-        select(shelf, chosen=[1])
-
-
-def test_splits_of_a_category_follow_each_other(mesh_folder):
-    """With a folder of meshes, the index counts training shapes first, then test shapes."""
-    shelf = open_source(f"meshes={mesh_folder}")
-    assert {c: s for (r, c), s in shelf.counts.items() if r == "object"} == {
-        "box": {"train": 1},
-        "can": {"train": 1},
-        "jar": {"test": 1},
-    }
-    selection = select(shelf, "object", "jar", split="test")[0]
-    assert (selection.indices, selection.split_of(0)) == ((0,), "test")
-
-
-def test_obj_keeps_every_bit(tmp_path):
-    """Any float64 coordinate and the order of vertices and faces survive as OBJ."""
-    rng = np.random.default_rng(5)
-    vertices = rng.standard_normal((12, 3)) * 10.0 ** rng.integers(-12, 6, (12, 3))
-    mesh = Mesh(vertices, np.arange(12).reshape(4, 3))
-    (tmp_path / "a.obj").write_bytes(as_obj(mesh))
-    again = read_mesh(tmp_path / "a.obj")
-    assert np.array_equal(again.vertices, vertices)
-    assert np.array_equal(again.faces, mesh.faces)
-
-
-def test_glb_is_y_up(tmp_path):
-    """A GLB holds (y, z, x), up and front as its specification asks for, to float precision."""
-    import trimesh
-
-    mesh = make_shape("object", "mug", 3).mesh
-    (tmp_path / "a.glb").write_bytes(as_glb(mesh))
-    scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
-    (inside,) = scene.geometry.values()
-    assert np.allclose(inside.vertices, mesh.vertices[:, [1, 2, 0]], atol=1e-7)
-    assert np.array_equal(inside.faces, mesh.faces)
-    assert as_glb(mesh) == as_glb(mesh)
-
-
-def test_export_is_a_source(tmp_path):
-    """What is exported is read back by `meshes=OUT/<split>`: same names, vertices and faces, right measures."""
-    shelf = open_source("default")
-    chosen = [select(shelf, "object", c, chosen=[0, 3])[0] for c in ("mug", "jar")]
-    assert export(chosen, tmp_path / "out", "obj", {"source": "default"}) == 4
-    table = json.loads((tmp_path / "out" / MEASURES).read_text())
-    assert (table["format"], table["units"], table["source"]) == (FORMAT, "metres", "default")
-    for split, category in (("train", "mug"), ("test", "jar")):
-        found = open_source(f"meshes={tmp_path / 'out' / split}")
-        assert not found.refused
-        for shape, index in zip(found.shapes["object", category], (0, 3), strict=True):
-            made = make_shape("object", category, index)
-            assert (shape.category, shape.name) == (category, f"{made.name}.obj")
-            assert np.array_equal(shape.mesh.vertices, made.mesh.vertices)
-            assert np.array_equal(shape.mesh.faces, made.mesh.faces)
-            row = next(r for r in table["shapes"] if r["name"] == made.name)
-            assert (tmp_path / "out" / row["file"]).is_file()
-            assert row["extents"] == np.ptp(made.mesh.vertices, axis=0).tolist()
-            reach = np.linalg.norm(made.mesh.vertices - row["ball"]["centre"], axis=1)
-            assert 2 * reach.max() == pytest.approx(row["ball"]["diameter"], rel=1e-12)
-            assert (row["handle"] or {}).get("radius") == (made.measures.handle and made.measures.handle.radius)
-
-
-def test_export_replaces_its_own_and_nothing_else(tmp_path):
-    """An earlier export is replaced whole; a folder with any other file is left as it is."""
-    out = tmp_path / "out"
-    shelf = open_source("default")
-    export(select(shelf, category="bottle", count=2), out, "obj", {})
-    assert export(select(shelf, category="bucket", count=1), out, "glb", {}) == 1
-    files = sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file())
-    assert len(files) == 2
-    assert files[0] == MEASURES
-    assert files[1].startswith("test/object/bucket/0000_")
-    (out / "test" / "mine.txt").touch()
-    with pytest.raises(UsageError, match=r"holds 1 files that no export wrote, test/mine.txt first"):
-        export(select(shelf, category="bottle", count=1), out, "obj", {})
-    assert sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()) == sorted([*files, "test/mine.txt"])
-
-
-def test_interrupted_export_leaves_the_earlier_one(tmp_path):
-    """Where making a shape fails halfway, the earlier export is still there, whole, and nothing else."""
-    out = tmp_path / "out"
-    shelf = open_source("default")
-    export(select(shelf, category="bottle", count=2), out, "obj", {})
-    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
-
-    def stop(_: str, done: int, __: int) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        export(select(shelf, category="can", count=3), out, "obj", {}, stop)
-    assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
-
-
-def test_list_show_export(tmp_path):
-    """The three commands as typed, in a folder of one's own."""
-    rows = json.loads(run("shapes", "list", "--json").stdout)
-    assert rows == open_source("default").rows()
-    assert {r["role"] for r in rows} <= set(PARTS)
-    text = run("shapes", "list").stdout
-    assert all(r["category"] in text for r in rows)
-    done = run("shapes", "show", "can", "--count", 3, "--measures", "--cutaway", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("can.png: 600 x ")
-    assert "drawing: 3 of 3" in done.stderr
-    done = run("shapes", "show", "mug", "--role", "object", "--index", 2, "--out", "new/mug.png", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    with PillowImage.open(tmp_path / "new" / "mug.png") as picture:
-        assert picture.size[0] == 960
-    done = run("shapes", "export", "x", "--category", "bottle", "--split", "train", "--format", "glb", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("x: 16 shapes of 1 categories, ")
-    out = json.loads(run("shapes", "export", "x", "--category", "bucket", "--json", cwd=tmp_path).stdout)
-    assert (out["folder"], out["shapes"], out["refused"]) == ("x", 33, {})
-
-
-def test_category_is_argument_or_option(mesh_folder, tmp_path):
-    """All commands take `--category`; `show` and `measure` take it as argument too, and `export` a format in any case."""
-    source = ("--shapes", f"meshes={mesh_folder}")
-    for how in (["can"], ["--category", "can"], ["can", "--category", "can"]):
-        done = run("shapes", "show", *how, *source, cwd=tmp_path)
-        assert done.stdout.startswith("can.png: "), done.stderr
-        done = run("shapes", "measure", *how, *source, "--workers", 1, "--json")
-        assert [s["category"] for s in json.loads(done.stdout)["shapes"]] == ["can"]
-    done = run("shapes", "export", "x", "--category", "can", "--format", "GLB", *source, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert len(list((tmp_path / "x" / "train" / "object" / "can").glob("*.glb"))) == 1
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="such names cannot be there")
-def test_names_stay_on_their_line(mesh_folder):
-    """Line breaks, terminal codes and bytes that are no text in a file name are printed as escapes."""
-    names = {"a\nb.obj": r"a\nb.obj", "\x1b[2Jc.obj": r"\x1b[2Jc.obj", os.fsdecode(b"\xff.obj"): r"\udcff.obj"}
-    for name in names:
-        (mesh_folder / "jar" / name).write_text("v 0 0 0\n")
-    source = ("--shapes", f"meshes={mesh_folder}")
-    for command in (["list"], ["measure", "--workers", 1]):
-        lines = run("shapes", *command, *source).stdout.splitlines()
-        for shown in names.values():
-            assert sum(f"not used: jar/{shown}: " in line for line in lines) == 1
-        assert all(line.isprintable() for line in lines)
-    (mesh_folder / "jar" / "jar.obj").unlink()
-    fails(r"3 refused: jar/.*\\x1b", "generate", "--task", "tube", "--split", "test", *source)
-
-
-def test_refused_shapes_are_exported_with_the_rest(mesh_folder, tmp_path):
-    """`export --json` names the refused shapes of a split that has no other ones."""
-    (mesh_folder / "jar" / "jar.obj").write_text("v 0 0 0\n")
-    done = run("shapes", "export", tmp_path / "x", "--shapes", f"meshes={mesh_folder}", "--json")
-    assert list(json.loads(done.stdout)["refused"]) == ["jar/jar.obj"]
-
-
-def test_meshes_are_listed_shown_and_exported(mesh_folder, tmp_path):
-    """A user's folder works like the library; what cannot be used is named."""
-    (mesh_folder / "box" / "bad.obj").write_text("v 0 0 0\n")
-    source = f"meshes={mesh_folder}"
-    listed = run("shapes", "list", "--shapes", source)
-    assert "box/bad.obj" in listed.stdout
-    rows = json.loads(run("shapes", "list", "--shapes", source, "--json").stdout)
-    assert {(r["category"], r["split"], r["count"]) for r in rows if r["role"] == "object"} == {
-        ("box", "train", 1),
-        ("can", "train", 1),
-        ("jar", "test", 1),
-    }
-    assert "box/bad.obj" in run("shapes", "show", "--shapes", source, "--out", tmp_path / "s.png").stdout
-    assert run("shapes", "export", tmp_path / "x", "--shapes", source).returncode == 0
-    assert (tmp_path / "x" / "train" / "object" / "box" / "cube.obj").is_file()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["list", "--shapes", "mesh=x"], "Shape source 'mesh=x' is not known"),
-        (["list", "--shapes", "meshes=nowhere"], "Shape folder nowhere does not exist"),
-        (["show", "bottel"], "Unknown category 'bottel'. Did you mean 'bottle'"),
-        (["show", "--role", "objects"], "Unknown role 'objects'. Did you mean 'object'"),
-        (["show", "--split", "tets"], "Unknown split 'tets'. Did you mean 'test'"),
-        (["show", "bottle", "--split", "test"], "no shape of category bottle, split test; `eigenbench shapes list`"),
-        (["show", "bottle", "--index", "16"], "Index 16 is out of range: object bottle has the indices 0 to 15"),
-        (["show", "bottle", "--index", "-1"], "Index -1 is out of range"),
-        (["show", "bottle", "--index", "two"], "Invalid value for '--index'"),
-        (["show", "--index", "1"], "An index needs one role and category"),
-        (["show", "bottle", "--count", "0"], "Number of shapes is 0"),
-        (["show", "bottle", "--out", "bottle.jpg"], "Picture bottle.jpg does not end in .png"),
-        (["show", "bottle", "--out", "file/b.png"], "Picture file/b.png cannot be written: "),
-        (["show", "can", "--category", "bottle"], "Category is 'can' as argument, but --category is 'bottle'"),
-        (["measure", "can", "--category", "bottle"], "Category is 'can' as argument, but --category is 'bottle'"),
-        (["measure", "can", "--out", "none/x.md"], r"Table none/x.md cannot be written: No such file .* \(none\)"),
-        (["measure", "can", "--out", "file/x.md"], "Table file/x.md cannot be written: Not a directory"),
-        (["measure", "can", "--out", "."], r"Table \. is a folder"),
-        (["export"], "Missing argument 'out'"),
-        (["export", "out", "--format", "objs"], "Unknown format 'objs'. Did you mean 'obj'"),
-        (["export", "out", "--category", "kettel"], "Unknown category 'kettel'"),
-        (["export", "file"], "file is not a folder"),
-        (["export", "file/out"], "Folder file/out cannot be written: "),
-        (["export", "."], r"Folder \. holds 1 files that no export wrote, file first"),
-        (["shwo"], "No such command 'shwo'"),
-    ],
-)
-def test_bad_input(tmp_path, arguments, message):
-    """Each fault of an argument: one line, code 2, nothing written."""
-    (tmp_path / "file").touch()
-    arguments = [*arguments, "--count", 1] if "file/b.png" in arguments else arguments
-    done = run("shapes", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    errors = [line for line in done.stderr.splitlines() if not line.startswith("drawing: ")]
-    assert len(errors) == 1, done.stderr
-    assert errors[0].startswith("error: ")
-    assert re.search(message, errors[0]), errors[0]
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="permissions do not bind here")
-def test_folder_without_permission(tmp_path):
-    """A folder that may not be written to is named, with the way out."""
-    tmp_path.chmod(0o500)
-    fails("cannot be written", "shapes", "export", tmp_path / "x", "--category", "bottle")
 
 
 @pytest.mark.meshes
