@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 data_app = typer.Typer(help="The frozen splits in the cache: list, path, verify, repair.", no_args_is_help=True)
 
-JOBS = 4
-"""Files that are fetched at a time, unless told."""
-
 Tasks = Annotated[
     str,
     typer.Option(
@@ -37,7 +34,7 @@ MirrorList = Annotated[
     typer.Option("--mirror", help="Address or folder to fetch from, again for more; default EIGENBENCH_MIRRORS."),
 ]
 Offline = Annotated[bool, typer.Option("--offline", help="Touch no network: ask folders only, else make it here.")]
-Jobs = Annotated[int, typer.Option("--jobs", help="Files that are fetched at a time.")]
+Jobs = Annotated[int | None, typer.Option("--jobs", help="Files that are fetched at a time; 3 unless told.")]
 Rebuild = Annotated[bool, typer.Option(help="Make here what no mirror has; with --no-rebuild fail instead.")]
 
 
@@ -46,7 +43,7 @@ def download(
     split: Split = "all",
     mirror: MirrorList = None,
     offline: Offline = False,
-    jobs: Jobs = JOBS,
+    jobs: Jobs = None,
     rebuild: Rebuild = True,
     as_json: Json = False,
 ) -> None:
@@ -155,7 +152,7 @@ def repair_cache(
     split: Split = "all",
     mirror: MirrorList = None,
     offline: Offline = False,
-    jobs: Jobs = JOBS,
+    jobs: Jobs = None,
     rebuild: Rebuild = True,
     as_json: Json = False,
 ) -> None:
@@ -183,11 +180,12 @@ def _cached(task: str, split: str) -> "Iterator[Manifest]":
     return (m for m in _frozen(task, split) if present(m))
 
 
-def bring_options(mirror: list[str] | None, offline: bool, jobs: int, rebuild: bool, quiet: bool) -> "Options":
+def bring_options(mirror: list[str] | None, offline: bool, jobs: int | None, rebuild: bool, quiet: bool) -> "Options":
     """Return how splits are brought, by the options of a command."""
-    from eigenbench.bringing import Options
+    from eigenbench.bringing import JOBS, Options
 
-    return Options(mirror or (), offline, jobs, rebuild=partial(remake, quiet=quiet) if rebuild else None)
+    make = partial(remake, quiet=quiet) if rebuild else None
+    return Options(mirror or (), offline, JOBS if jobs is None else jobs, rebuild=make)
 
 
 def bring_now(manifest: "Manifest", options: "Options", quiet: bool, again: bool = False) -> "Brought":

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eigenbench._version import DATA_VERSION
-from eigenbench.cli_data import JOBS, bring_now, bring_options, remake, say
+from eigenbench.cli_data import bring_now, bring_options, remake, say
 from eigenbench.cli_hidden import check_choice
 from eigenbench.errors import DataError, UsageError, choose
 from eigenbench.tasks import SPLITS, find_task
@@ -52,7 +52,7 @@ def frozen_place(manifest: "Manifest", quiet: bool) -> Path:
         say(f"{name}: {len(wrong)} files in the cache hold wrong bytes and are mended first: {place}")
     else:
         say(f"{name} is brought into the cache first: {place}")
-    bring_now(manifest, bring_options(None, False, JOBS, True, quiet), quiet, again=there)
+    bring_now(manifest, bring_options(None, False, None, True, quiet), quiet, again=there)
     return place
 
 

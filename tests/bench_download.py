@@ -20,7 +20,7 @@ import threading
 import time
 from pathlib import Path
 
-from eigenbench.bringing import Options, bring
+from eigenbench.bringing import JOBS, Options, bring
 from eigenbench.cached_splits import files_of
 from eigenbench.frozen import frozen_split
 from eigenbench.manifest import Manifest
@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--task", default="tube")
     parser.add_argument("--split", default="test")
-    parser.add_argument("--jobs", type=int, default=4)
+    parser.add_argument("--jobs", type=int, default=JOBS)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--rate", type=float, default=float("inf"))
     parser.add_argument("--out", type=Path, default=Path("out/bench-download"))
