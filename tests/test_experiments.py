@@ -52,6 +52,8 @@ def test_trained_row_and_its_line_of_the_table(place, tmp_path):
     """A model is trained, evaluated, and shown beside the words of the paper."""
     write_row(ROWS["a-grounded-tube"], place, tmp_path)
     row = read_rows(tmp_path)["a-grounded-tube"]
+    drawn = (place.runs / "a-grounded-tube" / "groundings.svg").read_text(encoding="utf-8")
+    assert drawn.count("<polygon") == 5 * 2 * 2  # environments, slots, planes
     assert row["quick"]
     assert row["pairs"] == len(eigenbench.load(place.split("tube", "test")))
     assert set(row["angles"]) == {"width", "height"}

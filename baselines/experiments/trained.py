@@ -5,12 +5,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from eigenbench.baselines.experiments.groundings import draw_tasks
 from eigenbench.baselines.experiments.row import Place, Result, Row
 from eigenbench.baselines.experiments.summary import evaluated, summary
-from eigenbench.baselines.run_folder import HISTORY
+from eigenbench.baselines.models import load_model
+from eigenbench.baselines.run_folder import HISTORY, WEIGHTS
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.baselines.training import train
-from eigenbench.tasks import PAPER_TASKS
+from eigenbench.tasks import PAPER_TASKS, find_task
 
 GROUNDED_TASKS = ("tube", "fit", "top")
 """The tasks whose lengths are distances of parallel planes: those of the paper's analysis."""
@@ -36,9 +38,12 @@ def train_row(model: str, task: str, place: Place, part: str = "a") -> Path:
 
 
 def trained(model: str, task: str, place: Place, part: str = "a") -> Result:
-    """Train a model on a task, evaluate it in isolation, and return its row."""
+    """Train a model on a task, evaluate it in isolation, and return its row; planes are drawn beside the run."""
     run, split = train_row(model, task, place, part), place.split(task, "test")
     found = summary(evaluated(run / "model.py", split, run / "evaluation", progress=place.progress), split)
+    if model == "grounded":
+        slots = range(find_task(task).slots)
+        draw_tasks(load_model(run / WEIGHTS, find_task(task)), {split: slots}, run / "groundings.svg")
     told = json.loads((run / HISTORY).read_text(encoding="utf-8"))
     return {"model": model, "task": task, "schedule": told["settings"], "history": told["history"], **found}
 
