@@ -16,7 +16,6 @@ from typing import Any
 
 from safetensors import safe_open
 
-from eigenbench.baselines.run_folder import HISTORY, SUBMISSION, WEIGHTS
 from eigenbench.cached_splits import cached_split
 from eigenbench.errors import EigenbenchError, printable
 from eigenbench.evaluation import evaluate
@@ -78,15 +77,16 @@ def examples_in(folder: Path, names: Iterable[str], tasks: Sequence[str]) -> lis
     return [Candidate(folder / f"{n}.py", task, f"{n}-{task}", EXAMPLES[n]) for task in tasks for n in names]
 
 
-def trained_in(folder: Path) -> list[Candidate]:
-    """Return the trained and evaluated baselines below a folder: run folders of the experiments' part a."""
+def trained_in(folder: Path, rows: Path) -> list[Candidate]:
+    """Return the trained and evaluated baselines: run folders of the experiments' part a, whose rows are in `rows`."""
     found = []
-    for run in sorted(folder.glob("a-*")):
-        evaluated = run / "evaluation"
-        if (run / SUBMISSION).is_file() and (evaluated / RESULT).is_file():
-            settings = json.loads((run / HISTORY).read_text(encoding="utf-8"))["settings"]
-            about = about_trained(settings, run / WEIGHTS)
-            found.append(Candidate(run / SUBMISSION, settings["task"], run.name, about, evaluated))
+    for path in sorted(rows.glob("a-*.json")):
+        evaluated = folder / path.stem / "evaluation"
+        if (evaluated / RESULT).is_file():
+            settings = json.loads(path.read_text(encoding="utf-8"))["schedule"]
+            model = evaluated.parent / load_run(evaluated).result["model"]["file"]
+            about = about_trained(settings, model.with_suffix(".safetensors"))
+            found.append(Candidate(model, settings["task"], path.stem, about, evaluated))
     return sorted(found, key=lambda c: (list(TASKS).index(c.task), c.name))
 
 
@@ -159,13 +159,14 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path("runs/ours"), help="folder of the runs that are made")
     parser.add_argument("--examples", type=Path, default=Path("examples"))
     parser.add_argument("--trained", type=Path, help="runs of the experiments' part a, trained and evaluated")
+    parser.add_argument("--rows", type=Path, default=Path("docs/results/rows"), help="their rows")
     parser.add_argument("--only", choices=list(EXAMPLES), action="append", help="these examples alone")
     parser.add_argument("--task", choices=list(TASKS), action="append", help="default: the paper's six")
     asked = parser.parse_args()
     tasks = asked.task or list(PAPER_TASKS)
     candidates = examples_in(asked.examples, asked.only or list(EXAMPLES), tasks)
     if asked.trained:
-        candidates += [c for c in trained_in(asked.trained) if c.task in tasks]
+        candidates += [c for c in trained_in(asked.trained, asked.rows) if c.task in tasks]
     try:
         data = asked.data or [cached_split(frozen_split(task, "test")) for task in tasks]
         entries = make_entries(asked.board, data, asked.runs, candidates)

@@ -1,6 +1,7 @@
 """The commands of a board from its opening to its site, as a user types them."""
 
 import json
+from dataclasses import asdict
 
 import pytest
 from typer.testing import CliRunner
@@ -119,7 +120,13 @@ def test_a_trained_baseline_gets_an_entry(tmp_path, small, board_data, monkeypat
     run = train("implicit", "tube", small, tmp_path / "trained" / "a-implicit-tube", schedule)
     train("implicit", "tube", small, tmp_path / "trained" / "a-direct-tube", schedule)  # not evaluated: no candidate
     evaluate(run / "model.py", board_data / "tube" / "test", run / "evaluation", report=False)
+    rows = tmp_path / "rows"
+    rows.mkdir()
+    settings = {"model": "implicit", "task": "tube", **asdict(schedule)}
+    for name in ("a-implicit-tube", "a-direct-tube"):
+        (rows / f"{name}.json").write_text(json.dumps({"schedule": settings}), encoding="utf-8")
     options = {"board": tmp_path / "b", "data": board_data, "runs": tmp_path / "r", "trained": tmp_path / "trained"}
+    options["rows"] = rows
     arguments = ["ours", "--only", "constant", "--task", "tube", *(f"--{k}={v}" for k, v in options.items())]
     monkeypatch.setattr("sys.argv", arguments)
     ours.main()
