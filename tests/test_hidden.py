@@ -1,13 +1,15 @@
 """Held-out and fresh splits: commitments that bind, seeds that stay secret, gaps that find memorising."""
 
 import json
+import re
 import stat
 
 import numpy as np
 import pytest
-from material import EXAMPLES, model
+from material import EXAMPLES, ROOT, model
 
 from eigenbench import cli_splits
+from eigenbench._version import DATA_VERSION
 from eigenbench.cli import app
 from eigenbench.commitments import Secret, check_commitment, commit, draw_secret, read_secret
 from eigenbench.dataset import load
@@ -16,6 +18,7 @@ from eigenbench.gap import beyond_chance, gap, write_gap
 from eigenbench.generators.generation import generate
 from eigenbench.provenance import data_identity
 from eigenbench.results import Predictions, load_run, predictions_digest, write_run
+from eigenbench.tasks import PAPER_TASKS
 
 
 @pytest.fixture
@@ -213,3 +216,11 @@ def test_gap_of_different_things_is_refused(tmp_path, small):
         gap(a, stored(tmp_path / "d", fresh, half, model="other"))
     with pytest.raises(DataError, match="neither in the cache"):
         gap(a, stored(tmp_path / "e", fresh, half))
+
+
+def test_our_own_commitment():
+    """The one in the repository is about this data version and says nothing but a hash of the seed."""
+    told = json.loads((ROOT / "leaderboard" / "held_out_1.json").read_text(encoding="utf-8"))
+    assert set(told) == {"kind", "tasks", "pairs", "data_version", "sha256"}
+    assert (tuple(told["tasks"]), told["pairs"], told["data_version"]) == (PAPER_TASKS, 20_000, DATA_VERSION)
+    assert re.fullmatch("[0-9a-f]{64}", told["sha256"])
