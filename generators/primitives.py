@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from eigenbench.generators.fused import product
 from eigenbench.generators.solids import Faces, Mesh, Points, volume
 
 Vector = tuple[float, float, float]
@@ -80,7 +81,7 @@ def turned(mesh: Mesh, axis: int, angle: float, about: tuple[float, float, float
     rotation: NDArray[np.float64] = np.eye(3)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = c, -s, s, c
-    return Mesh((mesh.vertices - np.array(about)) @ rotation.T + np.array(about), mesh.faces)
+    return Mesh(product(mesh.vertices - np.array(about), rotation.T) + np.array(about), mesh.faces)
 
 
 def leaning(outline: Points, low: Vector, high: Vector, shrink: float = 1.0) -> Mesh:
@@ -107,7 +108,7 @@ def about_z(mesh: Mesh, front: tuple[float, float]) -> Mesh:
     x, y = front
     if (x, y) == (1.0, 0.0):
         return mesh
-    return Mesh(mesh.vertices @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]]), mesh.faces)
+    return Mesh(product(mesh.vertices, np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])), mesh.faces)
 
 
 def frame(x0: float, x1: float, outer: Rectangle, edge: float) -> Mesh:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenbench.generators.fused import product
 from eigenbench.generators.primitives import box, polygon, prism
 from eigenbench.generators.solids import Mesh
 
@@ -55,7 +56,8 @@ class Block:
         """Return its 12 faces."""
         c, s = self.front
         made = box((-self.half[0], -self.half[1], self.low), (self.half[0], self.half[1], self.high))
-        return Mesh(made.vertices @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + _at(self), made.faces)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        return Mesh(product(made.vertices, turn) + _at(self), made.faces)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import choose
+from eigenbench.generators.fused import product
 from eigenbench.generators.room_parts import Block, Part, Pose, block, corners_of
 from eigenbench.generators.room_pieces import PIECES, Piece
 from eigenbench.generators.solids import Mesh
@@ -287,7 +288,7 @@ def _sizes(mesh: Mesh) -> tuple[float, float, float]:
 def _moved(mesh: Mesh, pose: Pose) -> Mesh:
     c, s = pose.front
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Mesh(mesh.vertices @ turn + [pose.x, pose.y, pose.z], mesh.faces)
+    return Mesh(product(mesh.vertices, turn) + np.array([pose.x, pose.y, pose.z]), mesh.faces)
 
 
 def _has_room(plan: Plan, here: Standing) -> bool:
@@ -306,7 +307,7 @@ def _overlap(a: Points, b: Points) -> bool:
     for corners in (a, b):
         for k in (0, 1):
             axis = corners[k + 1] - corners[k]
-            u, v = a @ axis, b @ axis
+            u, v = product(a, axis[:, None]), product(b, axis[:, None])
             if u.max() <= v.min() or v.max() <= u.min():
                 return False
     return True
