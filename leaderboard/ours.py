@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safetensors import safe_open
-
 from eigenbench.cached_splits import cached_split
 from eigenbench.errors import EigenbenchError, printable
 from eigenbench.evaluation import evaluate
@@ -103,6 +101,8 @@ def about_trained(settings: dict[str, Any], weights: Path) -> About:
 
 def parameters_in(weights: Path) -> int:
     """Return the number of learnt numbers in a file of weights."""
+    from safetensors import safe_open  # here, since it is in the extra torch
+
     with safe_open(weights, framework="numpy") as file:
         names = [name for name in file.keys() if name.rpartition(".")[2] not in _STATISTICS]  # noqa: SIM118
         return sum(math.prod(file.get_slice(name).get_shape()) for name in names)
