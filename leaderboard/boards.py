@@ -79,7 +79,7 @@ def award_badge(
     data: Sequence[str | Path],
     reruns: Sequence[str | Path] = (),
 ) -> Link:
-    """Confirm an entry: `rescored` from its predictions, `re-run` by runs of the same model made by somebody else.
+    """Confirm an entry: `rescored` from its predictions, `re-run` by other runs of the same model; `by` vouches for it.
 
     Re-runs are given one a seed, in the entry's order. Each must have the same model file and weights, and at least
     99 % of the same decisions.

@@ -23,7 +23,7 @@ SHOWN = {
 BADGE_WORDS = {
     "self-reported": "scored by its submitter",
     "rescored": "its numbers were found again from its predictions",
-    "re-run": "somebody else ran the model and got the same",
+    "re-run": "the model was run again and decided the same",
 }
 INDEX = "index.html"
 

@@ -113,7 +113,7 @@ def test_engines_live_behind_one_module_each():
     }
     for engine, home in expected.items():
         assert homes[engine] == {home}
-    assert homes["fsspec"] == {"outputs.py", "mirrors.py"}  # one writes, the other reads
+    assert homes["fsspec"] == {"addresses.py", "mirrors.py"}  # one writes, the other reads
     learners = {path.name for path in (ROOT / "baselines").rglob("*.py")}
     assert homes["torch"] - learners == {"model_host.py", "checkpoints.py"}
 

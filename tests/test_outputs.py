@@ -13,8 +13,9 @@ from fsspec.implementations.local import LocalFileSystem
 from eigenbench import load
 from eigenbench.errors import DataError, GenerationError, ShapeError, UsageError
 from eigenbench.generators import generation, outputs
+from eigenbench.generators.addresses import Address
 from eigenbench.generators.generation import chosen_tasks, generate
-from eigenbench.generators.outputs import Address, Folder, open_output
+from eigenbench.generators.outputs import Folder, open_output
 from eigenbench.manifest import read_manifest
 from eigenbench.tasks import TASKS
 from eigenbench.verification import verify
