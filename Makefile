@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
 DEMO := out/demo
+JOBS ?= 2
 PAPER_TASKS := tube,cylinder,sphere,fit,top,mug
 
 .PHONY: help demo test check bench freeze verify-splits clean
@@ -34,8 +35,8 @@ demo: $(VENV)/core ## generate some pairs of the six tasks of the paper, look at
 		$(BIN)/eigenbench evaluate examples/$$model.py --data $(DEMO)/tube/test --out $(DEMO)/runs/$$model || exit; \
 	done
 
-test: $(VENV)/dev ## run all tests
-	$(BIN)/python -m pytest -q
+test: $(VENV)/dev ## run all tests, JOBS=2 files at a time
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile
 
 check: $(VENV)/dev ## format, lint, types, layout
 	$(BIN)/ruff format --check .
