@@ -11,7 +11,7 @@ from eigenbench.baselines.experiments.registry import ROWS
 from eigenbench.baselines.experiments.row import Place, read_rows, rounded, write_row
 from eigenbench.baselines.experiments.table import table
 from eigenbench.baselines.schedule import Schedule
-from eigenbench.errors import DataError
+from eigenbench.errors import DataError, UsageError
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,13 @@ def test_bounding_box_row_has_the_scores_of_its_run(place, monkeypatch):
     assert row["slot_use"] == result["scores"]["lengths"]["slot_use"]
     monkeypatch.setattr("eigenbench.baselines.experiments.summary.evaluate", lambda *_, **__: pytest.fail("again"))
     assert ceilings.bounding_box("tube", place) == row
+
+
+def test_bounding_box_row_says_where_it_must_be_run(place, tmp_path, monkeypatch):
+    """The example is no part of the package; elsewhere than in a checkout one sentence says so."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="run the experiments in the root of a checkout"):
+        ceilings.bounding_box("tube", place)
 
 
 def test_trained_row_and_its_line_of_the_table(place, tmp_path):

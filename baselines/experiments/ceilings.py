@@ -6,6 +6,7 @@ from pathlib import Path
 from eigenbench.baselines.experiments.row import Place, Result, Row
 from eigenbench.baselines.experiments.summary import evaluated, summary, summary_of
 from eigenbench.dataset import load
+from eigenbench.errors import UsageError
 from eigenbench.results import Predictions
 from eigenbench.tasks import PAPER_TASKS
 
@@ -22,7 +23,10 @@ def oracle(task: str, place: Place) -> Result:
 
 
 def bounding_box(task: str, place: Place) -> Result:
-    """Evaluate `examples/bounding_box.py`: no learning."""
+    """Evaluate `examples/bounding_box.py`: no learning; UsageError if it is not below the working directory."""
+    if not EXAMPLE.is_file():
+        msg = f"{EXAMPLE} is not in {Path.cwd()}; run the experiments in the root of a checkout of eigenbench."
+        raise UsageError(msg)
     split = place.split(task, "test")
     run = evaluated(EXAMPLE, split, place.runs / f"f-box-{task}", progress=place.progress)
     return {"model": "bounding_box", "task": task, **summary(run, split)}
