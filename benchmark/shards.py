@@ -227,7 +227,16 @@ def _damage_named(path: Path | str) -> Iterator[None]:
     """Turn whatever h5py and json raise on damaged bytes into a DataError that names the file."""
     try:
         yield
-    except (OSError, RuntimeError, ValueError, TypeError, KeyError, MemoryError) as error:
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+        MemoryError,
+    ) as error:
         msg = f"Shard {path} is damaged: {' '.join(str(error).split())[:200]}; {REBUILD}."
         raise DataError(msg) from error
 
@@ -245,9 +254,10 @@ def read_shard(
         for field in fields_of(file):
             if wanted is not None and field.name not in wanted:
                 continue
-            if rows is not None and field.name in h5:
-                _check_field(path, field, h5[field.name], field.shape(rows, task))
-            values = _read_field(h5, path, field)
+            dataset = _dataset(h5, path, field)
+            if rows is not None:
+                _check_field(path, field, dataset, field.shape(rows, task))
+            values = np.asarray(dataset[()])
             rows = len(values) if rows is None else rows
             _check_field(path, field, values, field.shape(rows, task))
             arrays[field.name] = values
@@ -267,7 +277,7 @@ def _open(path: Path) -> h5py.File:
         version = h5.attrs.get("format_version")
     except (OSError, RuntimeError, ValueError, TypeError, KeyError):
         version = "unreadable"
-    if version != FORMAT_VERSION:
+    if not isinstance(version, int | np.integer) or version != FORMAT_VERSION:
         h5.close()
         msg = f"Shard {path} has format version {version}, this eigenbench reads {FORMAT_VERSION}."
         raise DataError(msg)
@@ -281,11 +291,20 @@ def _attribute(h5: h5py.File, path: Path | str, name: str) -> str:
     return str(h5.attrs[name])
 
 
-def _read_field(h5: h5py.File, path: Path, field: Field) -> NDArray[Any]:
-    if field.name not in h5:
+def _dataset(h5: h5py.File, path: Path, field: Field) -> h5py.Dataset:
+    """Return the dataset of a field; DataError where it is missing, or its values lie outside this very object.
+
+    Links, virtual datasets and external storage name other places, which a digest of this file's bytes would not cover.
+    """
+    link = h5.get(field.name, getlink=True)
+    if link is None:
         msg = f"Shard {path} lacks its dataset '{field.name}'; {REBUILD}."
         raise DataError(msg)
-    return np.asarray(h5[field.name][()])
+    found = h5.get(field.name) if isinstance(link, h5py.HardLink) else None
+    if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
+        msg = f"Shard {path}, '{field.name}' is no dataset of the file's own; {REBUILD}."
+        raise DataError(msg)
+    return found
 
 
 def _check_field(path: Path, field: Field, values: NDArray[Any] | h5py.Dataset, shape: tuple[int, ...]) -> None:
@@ -330,8 +349,8 @@ def map_shard(path: Path, file: str, task: TaskSpec, rows: int) -> WholeShard:
 
 def _map_field(h5: h5py.File, path: Path, field: Field, task: TaskSpec, rows: int | None) -> tuple[NDArray[Any], bool]:
     """Return the array of a field, and whether it is compressed: then it is read, else mapped."""
-    dataset = h5.get(field.name)
-    offset = None if dataset is None else dataset.id.get_offset()
+    dataset = _dataset(h5, path, field)
+    offset = dataset.id.get_offset()
     if offset is None:
         return read_shard(path, field.file, task, [field.name], rows)[field.name], True
     end = offset + dataset.dtype.itemsize * int(np.prod(dataset.shape))

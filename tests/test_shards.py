@@ -5,13 +5,23 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from eigenbench import shards
-from eigenbench.errors import GenerationError
+from eigenbench.errors import DataError, GenerationError
 from eigenbench.shard_format import FILES, content_digest, zero_rows
-from eigenbench.shards import read_about, read_shard, remove_leftovers, settle, staged_shard, temporary_beside
+from eigenbench.shards import (
+    map_rows,
+    map_shard,
+    read_about,
+    read_shard,
+    remove_leftovers,
+    settle,
+    staged_shard,
+    temporary_beside,
+)
 from eigenbench.tasks import find_task
 
 TUBE = find_task("tube")
@@ -88,3 +98,74 @@ def test_leftovers_of_ended_processes_are_removed(tmp_path, monkeypatch):
     running.wait()
     ended.stdout.close()
     ended.wait()
+
+
+def elsewhere(h5, old):
+    """Name the labels of another file; the old bytes stay where they were."""
+    with h5py.File(Path(h5.filename).with_name("other.h5"), "w") as other:
+        other["label"] = ~old
+    h5["label"] = h5py.ExternalLink("other.h5", "label")
+
+
+def within(h5, old):
+    """Name another object of the same file."""
+    h5["kept"] = old
+    h5["label"] = h5py.SoftLink("/kept")
+
+
+def stored_outside(h5, old):
+    """Keep the values in a plain file beside it."""
+    raw = Path(h5.filename).with_name("values")
+    raw.write_bytes(old.tobytes())
+    h5.create_dataset("label", old.shape, old.dtype, external=[(str(raw), 0, old.nbytes)])
+
+
+def virtual(h5, old):
+    """Compose the values of another file's."""
+    with h5py.File(Path(h5.filename).with_name("other.h5"), "w") as other:
+        other["label"] = old
+    layout = h5py.VirtualLayout(old.shape, old.dtype)
+    layout[:] = h5py.VirtualSource("other.h5", "label", old.shape)
+    h5.create_virtual_dataset("label", layout)
+
+
+def group(h5, _old):
+    """Put a folder where a dataset belongs."""
+    h5.create_group("label")
+
+
+def named_type(h5, old):
+    """Put a type where a dataset belongs."""
+    h5["label"] = old.dtype
+
+
+@pytest.mark.parametrize("forge", [elsewhere, within, stored_outside, virtual, group, named_type])
+def test_values_lie_in_the_file_itself(tmp_path, arrays, forge):
+    """A digest covers the bytes of one file: what leads a reader elsewhere is refused by every reader."""
+    path = tmp_path / "shard.h5"
+    with staged_shard(path, "targets", arrays["targets"], {}) as staged:
+        settle(staged, TUBE, before_replacing=lambda: None)
+    with h5py.File(path, "r+") as h5:
+        old = h5["label"][()]
+        del h5["label"]
+        forge(h5, old)
+    readers = (
+        lambda: read_shard(path, "targets", TUBE),
+        lambda: map_shard(path, "targets", TUBE, 7),
+        lambda: map_rows(path, "targets", TUBE, ["label"]),
+    )
+    for read in readers:
+        with pytest.raises(DataError, match=r"shard\.h5.*'label' is no dataset of the file's own"):
+            read()
+
+
+@pytest.mark.parametrize("version", [[1, 2], "1", 1.5, 2])
+def test_another_format_version_is_one_sentence(tmp_path, arrays, version):
+    """Whatever the attribute holds."""
+    path = tmp_path / "shard.h5"
+    with staged_shard(path, "targets", arrays["targets"], {}) as staged:
+        settle(staged, TUBE, before_replacing=lambda: None)
+    with h5py.File(path, "r+") as h5:
+        h5.attrs["format_version"] = version
+    with pytest.raises(DataError, match="format version"):
+        read_shard(path, "targets", TUBE)
