@@ -11,15 +11,16 @@ import os
 import secrets
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from eigenbench._version import DATA_VERSION
 from eigenbench.errors import DataError, UsageError
 from eigenbench.records import MAX_PAIRS
-from eigenbench.shards import write_text_atomically
 from eigenbench.tasks import find_task
 
 _SALT_BYTES = 32
 _KIND = "eigenbench held-out split"
+_UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,24 +71,46 @@ def draw_secret(tasks: tuple[str, ...], pairs: int) -> Secret:
 
 
 def commit(secret: Secret, secret_file: Path, public_file: Path) -> None:
-    """Write the secret, readable by its owner alone, and the commitment for everybody; neither may exist yet."""
+    """Write the secret, readable by its owner alone, and the commitment for everybody: both or neither.
+
+    UsageError if they are one file, one exists, or one cannot be written.
+    """
+    if secret_file.resolve() == public_file.resolve():
+        msg = f"{secret_file} would hold both the secret and what is published; pass two different files."
+        raise UsageError(msg)
     for path in (secret_file, public_file):
         if path.exists():
             msg = f"{path} exists already; a secret that was committed to is never replaced. Choose another name."
             raise UsageError(msg)
+    _write_new(secret_file, {"kind": _KIND, **asdict(secret)}, 0o600)
     try:
-        handle = os.open(secret_file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        _write_new(public_file, _published(secret), 0o644)
+    except UsageError:
+        secret_file.unlink()  # nothing was published, so the next try draws another
+        raise
+
+
+def _published(secret: Secret) -> dict[str, Any]:
+    """Return what everybody may know of a secret."""
+    told = {name: value for name, value in asdict(secret).items() if name not in ("seed", "salt")}
+    return {"kind": _KIND, **told, "tasks": list(secret.tasks), "sha256": secret.commitment}
+
+
+def _write_new(path: Path, body: dict[str, Any], mode: int) -> None:
+    """Write a file that is not there yet and wait until it is on the disk; UsageError, and no file, if it fails."""
+    made = False
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        made = True
         with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(json.dumps({"kind": _KIND, **asdict(secret)}, indent=1) + "\n")
+            file.write(json.dumps(body, indent=1) + "\n")
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        msg = f"{secret_file} cannot be written: {error.strerror}."
+        if made:
+            path.unlink(missing_ok=True)
+        msg = f"{path} cannot be written: {error.strerror}. Choose another place; nothing was committed to."
         raise UsageError(msg) from error
-    told = {k: v for k, v in asdict(secret).items() if k not in ("seed", "salt")}
-    write_text_atomically(
-        public_file, json.dumps({"kind": _KIND, **told, "sha256": secret.commitment}, indent=1) + "\n"
-    )
 
 
 def read_secret(path: Path) -> Secret:
@@ -97,7 +120,7 @@ def read_secret(path: Path) -> Secret:
         if body.pop("kind") != _KIND:
             raise KeyError(path)
         return Secret(**body | {"tasks": tuple(body["tasks"])})
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, UsageError) as error:
+    except (*_UNREADABLE, UsageError) as error:
         msg = f"{path} is not the secret of a held-out split; `eigenbench hidden commit` makes one."
         raise DataError(msg) from error
 
@@ -107,13 +130,18 @@ def check_commitment(secret: Secret, path: Path) -> str:
     try:
         body = json.loads(path.read_text(encoding="utf-8"))
         published = str(body["sha256"])
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except _UNREADABLE as error:
         msg = f"{path} is not the commitment of a held-out split: it holds no sha256."
         raise DataError(msg) from error
-    if published != secret.commitment:
+    expected = _published(secret)
+    if published != expected["sha256"]:
         msg = (
             f"The secret is not the one that was committed to: it hashes to {secret.commitment[:16]}..., {path} says "
             f"{published[:16]}.... Its split is not the held-out split."
         )
         raise DataError(msg)
+    for name, value in expected.items():
+        if body.get(name) != value:
+            msg = f"{path} was altered: it says {name} {str(body.get(name))[:80]}, its sha256 is of {value}."
+            raise DataError(msg)
     return published

@@ -25,6 +25,8 @@ _SIDES = ("obj_shape", "obj_category", "env_shape", "env_category")
 _DATA = ("task", "split", "protocol", "shapes", "data_version")
 """What two splits must have in common."""
 _MODEL = ("digest", "checkpoint_digest")
+PUBLIC_SEED = 0
+"""Of the splits that everybody can make; a held-out one tells none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,12 @@ def _check_same(folders: tuple[Path, Path], runs: list[Run]) -> None:
             raise DataError(msg)
     if first["data"]["digest"] == second["data"]["digest"]:
         msg = f"{folders[0]} and {folders[1]} are on the same split; a gap needs a fresh or held-out one."
+        raise DataError(msg)
+    if first["data"].get("seed") != PUBLIC_SEED:
+        told = "a held-out split" if first["data"].get("seed") is None else f"the split of seed {first['data']['seed']}"
+        msg = (
+            f"{folders[0]} is on {told}; the first run must be on the public one, of seed {PUBLIC_SEED}. Swap the two?"
+        )
         raise DataError(msg)
     for name in _MODEL:
         if first["model"].get(name) != second["model"].get(name):

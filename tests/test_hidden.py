@@ -72,6 +72,40 @@ def test_secrets_are_never_replaced_and_checked(tmp_path):
         draw_secret(("tube",), 0)
 
 
+def test_both_files_are_written_or_neither(tmp_path):
+    """One file for both would lose the secret; a public file that cannot be written leaves no secret behind."""
+    secret = draw_secret(("tube",), 10)
+    (tmp_path / "here").symlink_to(tmp_path)
+    for other in (tmp_path / "s", tmp_path / "here" / "s"):
+        with pytest.raises(UsageError, match="two different files"):
+            commit(secret, tmp_path / "s", other)
+    with pytest.raises(UsageError, match="nothing was committed to"):
+        commit(secret, tmp_path / "s", tmp_path / "missing" / "p")
+    assert not (tmp_path / "s").exists()
+    commit(secret, tmp_path / "s", tmp_path / "p")
+    assert read_secret(tmp_path / "s") == secret
+
+
+@pytest.mark.parametrize("change", [{"tasks": ["mug"]}, {"pairs": 11}, {"data_version": "1"}, {"kind": "x"}])
+def test_an_altered_commitment_is_found(tmp_path, change):
+    """Also where the sha256 was left as it is."""
+    secret = draw_secret(("tube",), 10)
+    commit(secret, tmp_path / "s", tmp_path / "p")
+    body = json.loads((tmp_path / "p").read_text())
+    (tmp_path / "p").write_text(json.dumps(body | change))
+    with pytest.raises(DataError, match=f"was altered: it says {next(iter(change))}"):
+        check_commitment(secret, tmp_path / "p")
+
+
+def test_deeply_nested_files_are_no_secrets(tmp_path):
+    """A file that would exhaust the parser is one sentence."""
+    (tmp_path / "deep").write_text("[" * 100_000)
+    with pytest.raises(DataError, match="is not the secret"):
+        read_secret(tmp_path / "deep")
+    with pytest.raises(DataError, match="is not the commitment"):
+        check_commitment(draw_secret(("tube",), 10), tmp_path / "deep")
+
+
 def run(*arguments: str) -> None:
     app(list(arguments), standalone_mode=False)
 
@@ -216,6 +250,8 @@ def test_gap_of_different_things_is_refused(tmp_path, small):
         gap(a, stored(tmp_path / "d", fresh, half, model="other"))
     with pytest.raises(DataError, match="neither in the cache"):
         gap(a, stored(tmp_path / "e", fresh, half))
+    with pytest.raises(DataError, match=r"seed 4; the first run must be on the public one, of seed 0\. Swap"):
+        gap(stored(tmp_path / "f", fresh, half), a)
 
 
 def test_our_own_commitment():
