@@ -27,7 +27,9 @@ from eigenbench.shards import settle, staged_shard, temporary_beside, write_text
 if TYPE_CHECKING:
     import pandas as pd
 
-SUMS, CROISSANT = "SHA256SUMS", "croissant.json"
+SUMS, CROISSANT, README = "SHA256SUMS", "croissant.json", "README.md"
+_TITLE = "\npretty_name: eigenbench "
+"""What a card of ours has in its head."""
 _KINDS = {".h5": "application/x-hdf5", ".json": "application/json", ".parquet": "application/x-parquet"}
 _BLOCK = 1 << 20
 
@@ -50,7 +52,7 @@ def publish(
     Raises
     ------
     DataError : a split is not the frozen one
-    UsageError : there is no split, the folder cannot be made, or pyarrow is missing
+    UsageError : there is no split, the folder cannot be made or holds other things, or pyarrow is missing
     """
     _check_parquet()
     if not address.startswith(("https://", "http://", "s3://", "gs://", "az://")):
@@ -62,18 +64,21 @@ def publish(
         raise UsageError(msg)
     for dataset in datasets:
         _check_frozen(dataset)
-    try:
-        (out / "index").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"{out} cannot be made: {error.strerror}. Choose another folder."
-        raise UsageError(msg) from error
-    columns = {}
+    _require_ours(out)
+    for folder in (out / "index", *(_place(dataset, out) for dataset in datasets)):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            msg = f"{folder} cannot be made: {error.strerror}. Choose another folder."
+            raise UsageError(msg) from error
+    columns, paths = {}, []
     for dataset in datasets:
-        _put_split(dataset, out, packed, progress)
-        path, kinds = _put_index(dataset, out)
-        columns[path] = kinds
-    _put_texts(out, datasets, address)
-    files = [_published(path, out) for path in sorted(out.rglob("*")) if _is_ours(path, out)]
+        paths += _put_split(dataset, out, packed, progress)
+        index, columns_of_index = _put_index(dataset, out)
+        columns[index.relative_to(out).as_posix()] = columns_of_index
+        paths.append(index)
+    paths += _put_texts(out, datasets, address)
+    files = [_published(path, out) for path in sorted(paths)]
     body = croissant(DATA_VERSION, files, columns, address)
     write_text_atomically(out / CROISSANT, json.dumps(body, indent=1) + "\n")
     files.append(_published(out / CROISSANT, out))
@@ -88,11 +93,28 @@ def _check_frozen(dataset: Dataset) -> None:
         raise DataError(msg)
 
 
-def _put_split(dataset: Dataset, out: Path, packed: bool, progress: Progress | None) -> None:
-    """Write a split's shards and manifest; each is read whole and checked, and one that is there and right stays."""
+def _require_ours(out: Path) -> None:
+    """Raise UsageError if a folder holds what `publish` did not write; names that begin with a dot may lie there."""
+    if not out.is_dir():
+        return
+    card = out / README
+    if card.is_file():
+        strange = [] if _TITLE in card.read_text(encoding="utf-8", errors="replace") else [README]
+    else:
+        strange = sorted(p.name for p in out.iterdir() if p.name not in (DATA_VERSION, "index") and p.name[0] != ".")
+    if strange:
+        msg = f"{out} holds other files, such as {strange[0][:80]}; choose an empty folder, or one that publish made."
+        raise UsageError(msg)
+
+
+def _place(dataset: Dataset, out: Path) -> Path:
     recipe = dataset.manifest.recipe
-    place = out / recipe.data_version / recipe.task / recipe.split
-    place.mkdir(parents=True, exist_ok=True)
+    return out / recipe.data_version / recipe.task / recipe.split
+
+
+def _put_split(dataset: Dataset, out: Path, packed: bool, progress: Progress | None) -> list[Path]:
+    """Write a split's shards and manifest; each is read whole and checked, and one that is there and right stays."""
+    recipe, place = dataset.manifest.recipe, _place(dataset, out)
     files = files_of(dataset.manifest)
     for done, shard in enumerate(files, 1):
         if not _is_right(place / shard_name(*shard), shard, dataset.manifest):
@@ -104,6 +126,7 @@ def _put_split(dataset: Dataset, out: Path, packed: bool, progress: Progress | N
         if progress:
             progress(f"{recipe.task} {recipe.split}, files", done, len(files))
     write_manifest(place, dataset.manifest)
+    return [*(place / shard_name(*shard) for shard in files), place / MANIFEST]
 
 
 def _is_right(path: Path, shard: Shard, manifest: Manifest) -> bool:
@@ -131,15 +154,15 @@ def index_of(dataset: Dataset) -> "pd.DataFrame":
     return pd.DataFrame(table)
 
 
-def _put_index(dataset: Dataset, out: Path) -> tuple[str, dict[str, str]]:
-    """Write the Parquet index of a split; return its path in the folder and the kinds of its columns."""
+def _put_index(dataset: Dataset, out: Path) -> tuple[Path, dict[str, str]]:
+    """Write the Parquet index of a split; return its path and the kinds of its columns."""
     recipe = dataset.manifest.recipe
     path = out / "index" / f"{recipe.task}-{recipe.split}.parquet"
     table = index_of(dataset)
     temporary = temporary_beside(path)
     table.to_parquet(temporary, index=False)
     put(temporary, path)
-    return path.relative_to(out).as_posix(), {str(name): table[name].dtype.kind for name in table}
+    return path, {str(name): table[name].dtype.kind for name in table}
 
 
 def _check_parquet() -> None:
@@ -150,25 +173,22 @@ def _check_parquet() -> None:
         raise UsageError(msg) from error
 
 
-def _put_texts(out: Path, datasets: Sequence[Dataset], address: str) -> None:
-    """Write card and datasheet."""
+def _put_texts(out: Path, datasets: Sequence[Dataset], address: str) -> list[Path]:
+    """Write card and datasheet and return their paths."""
     rows = "\n".join(_table_row(dataset.manifest) for dataset in datasets)
     composition = f"| task | split | pairs | that fit | content digest |\n|---|---|---|---|---|\n{rows}\n"
-    for name, source in (("README.md", "card.md"), ("DATASHEET.md", "datasheet.md")):
+    paths = []
+    for name, source in ((README, "card.md"), ("DATASHEET.md", "datasheet.md")):
         text = Template(asset(source)).substitute(version=DATA_VERSION, composition=composition, address=address)
         write_text_atomically(out / name, text)
+        paths.append(out / name)
+    return paths
 
 
 def _table_row(manifest: Manifest) -> str:
     recipe = manifest.recipe
     numbers = f"{recipe.pairs:,} | {100 * manifest.positive_rate:.1f} %"
     return f"| `{recipe.task}` | {recipe.split} | {numbers} | `{manifest.digest[:16]}` |"
-
-
-def _is_ours(path: Path, out: Path) -> bool:
-    inside = path.relative_to(out)
-    known = inside.parts[0] in (DATA_VERSION, "index") or inside.name in ("README.md", "DATASHEET.md")
-    return known and path.is_file() and (path.suffix in _KINDS or path.name == MANIFEST or path.suffix == ".md")
 
 
 def _published(path: Path, out: Path) -> PublishedFile:

@@ -11,6 +11,7 @@ import os
 import platform
 import re
 import secrets
+import shutil
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -31,6 +32,8 @@ _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 _PACKED = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
 """Filters that every HDF5 library has; a higher level gains 1 %."""
+_NO_ROOM = 1 << 20
+"""Bytes: a disk with less is called full."""
 _CHUNK_ROWS = 250
 
 REBUILD = "run the same `eigenbench generate` command again to rebuild it"
@@ -65,7 +68,11 @@ def staged_shard(
     """
     temporary = temporary_beside(path)
     try:
-        digest = _write(temporary, file, arrays, about, synced, packed)
+        try:
+            digest = _write(temporary, file, arrays, about, synced, packed)
+        except RuntimeError as error:  # h5py's, where a full disk keeps it from closing a compressed file
+            full = shutil.disk_usage(path.parent).free < _NO_ROOM
+            raise OSError(errno.ENOSPC if full else errno.EIO, str(error)) from error
         yield StagedShard(path, file, temporary, digest, synced)
     except OSError as error:
         raise GenerationError(_write_trouble(path, error)) from error

@@ -126,3 +126,40 @@ def test_what_is_not_frozen_is_not_published(made, tmp_path):
         publishing.publish(tmp_path, [], ADDRESS)
     with pytest.raises(UsageError, match="Address is 'here'"):
         publishing.publish(tmp_path, [made / "test"], "here")
+
+
+@pytest.mark.parametrize("name", ["README.md", "DATASHEET.md", "croissant.json", "src/model.py"])
+def test_other_people_s_folders_are_left_alone(made, tmp_path, monkeypatch, name):
+    """Nothing is written into a folder that holds what publish did not make."""
+    monkeypatch.setattr(publishing, "frozen_split", lambda _, split: read_manifest(made / split))
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(UsageError, match="holds other files, such as"):
+        publishing.publish(tmp_path, [made / "test"], ADDRESS)
+    assert [p.read_text() for p in tmp_path.rglob("*") if p.is_file()] == ["mine"]
+
+
+def test_only_what_was_checked_is_listed(made, published, monkeypatch):
+    """Other files in a published folder stay where they are, and are not vouched for."""
+    monkeypatch.setattr(publishing, "frozen_split", lambda _, split: read_manifest(made / split))
+    sums = (published / "SHA256SUMS").read_text()
+    strangers = [
+        published / name for name in ("0.9/tube/test/inputs-00009.h5", "0.9/x.json", "index/y.parquet", ".git")
+    ]
+    for path in strangers:
+        path.write_text("not ours")
+    try:
+        publishing.publish(published, [made / "train", made / "test"], ADDRESS)
+        assert (published / "SHA256SUMS").read_text() == sums
+        assert all(path.read_text() == "not ours" for path in strangers)
+    finally:
+        for path in strangers:
+            path.unlink()
+
+
+def test_a_file_in_the_way_is_one_sentence(made, tmp_path, monkeypatch):
+    """Where a folder belongs."""
+    monkeypatch.setattr(publishing, "frozen_split", lambda _, split: read_manifest(made / split))
+    (tmp_path / "0.9").write_text("")
+    with pytest.raises(UsageError, match=r"0\.9/tube/test cannot be made"):
+        publishing.publish(tmp_path, [made / "test"], ADDRESS)

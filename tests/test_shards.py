@@ -4,6 +4,7 @@ import errno
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -78,6 +79,24 @@ def test_a_failed_write_leaves_nothing(tmp_path, arrays, monkeypatch, part):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_what_h5py_raises_on_a_full_disk_is_one_sentence(tmp_path, arrays, monkeypatch):
+    """A compressed file that cannot be closed is a RuntimeError there."""
+
+    def fail(*_args):
+        msg = "Slist already enabled?"
+        raise RuntimeError(msg)
+
+    monkeypatch.setattr(shards, "_write", fail)
+    for free, told in ((0, "the disk is full"), (1 << 40, "Slist already enabled")):
+        monkeypatch.setattr(shards.shutil, "disk_usage", lambda _, free=free: SimpleNamespace(free=free))
+        with (
+            pytest.raises(GenerationError, match=told),
+            staged_shard(tmp_path / "shard.h5", "inputs", arrays["inputs"], {}),
+        ):
+            pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_leftovers_of_ended_processes_are_removed(tmp_path, monkeypatch):
     """Also of one that ended and was never waited for; those of a running process stay."""
     running = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=subprocess.PIPE)
