@@ -16,6 +16,7 @@ from eigenbench.cached_splits import (
     held,
     is_whole,
     place_of,
+    unlisted,
     wrong_files,
 )
 from eigenbench.errors import DataError, UsageError
@@ -24,7 +25,7 @@ from eigenbench.manifest import MANIFEST, Manifest, write_manifest
 from eigenbench.mirrors import TIMEOUT, Mirrors, chosen_mirrors
 from eigenbench.records import Recipe
 from eigenbench.shard_format import fields_of, shard_name
-from eigenbench.shards import publish, settle, staged_shard
+from eigenbench.shards import publish, remove_leftovers, settle, staged_shard
 from eigenbench.transfer import Fetcher, NoMirror, Stopped, Wanted, write_trouble
 
 JOBS = 3
@@ -82,6 +83,7 @@ class Brought:
     fetched : number of files by the mirror that gave them
     rebuilt : files that were made here
     troubles : what was wrong with mirrors, by address
+    hashed : every file was hashed; False where the split was there, and only looked at
     """
 
     folder: Path
@@ -89,6 +91,7 @@ class Brought:
     fetched: dict[str, int] = field(default_factory=dict)
     rebuilt: int = 0
     troubles: dict[str, str] = field(default_factory=dict)
+    hashed: bool = True
 
 
 def bring(
@@ -102,6 +105,7 @@ def bring(
     """Bring a frozen split into the cache and return how that went.
 
     A split that is whole there is left alone; with `again` every file is hashed first and what is wrong is mended.
+    Shard files that the split does not have, and what a process that was killed left, are removed.
     Files are asked of the mirrors in turn, each is checked against the frozen digests, and none that is right is
     fetched twice. What no mirror has is made here. Two processes may bring the same split: one waits for the other.
 
@@ -113,13 +117,14 @@ def bring(
     options = options or Options()
     mirrors = chosen_mirrors(options.mirrors, options.offline)
     if is_whole(manifest) and not again:
-        return Brought(place_of(manifest), kept=len(files_of(manifest)))
+        return Brought(place_of(manifest), kept=len(files_of(manifest)), hashed=False)
     with held(manifest, tell) as place:
         if is_whole(manifest) and not again:  # another process brought it meanwhile
-            return Brought(place, kept=len(files_of(manifest)))
+            return Brought(place, kept=len(files_of(manifest)), hashed=False)
+        remove_leftovers(place)
         missing = wrong_files(manifest)
-        for shard in missing:
-            (place / shard_name(*shard)).unlink(missing_ok=True)
+        for path in (*unlisted(manifest), *(place / shard_name(*shard) for shard in missing)):
+            _remove(path)
         brought = Brought(place, kept=len(files_of(manifest)) - len(missing))
         if missing:
             _check_room(place, manifest, list(missing))
@@ -131,6 +136,16 @@ def bring(
             part.unlink()
         write_manifest(place, manifest)
         return brought
+
+
+def _remove(path: Path) -> None:
+    """Remove a file that is in the way; DataError if it cannot be."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        what = "is a folder" if path.is_dir() else f"cannot be removed: {(error.strerror or str(error)).lower()}"
+        msg = f"{path} {what}, and a shard file belongs there or nothing. Remove it and run the same command again."
+        raise DataError(msg) from error
 
 
 def content_bytes(manifest: Manifest, shard: Shard) -> int:
@@ -147,8 +162,8 @@ def content_bytes(manifest: Manifest, shard: Shard) -> int:
 
 
 def _check_room(place: Path, manifest: Manifest, missing: list[Shard]) -> None:
-    there = sum(p.stat().st_size for p in place.glob(".*.part"))
-    needed = sum(content_bytes(manifest, shard) for shard in missing) - there
+    wanted = {shard: _wanted(manifest, shard) for shard in missing}
+    needed = sum(max(0, content_bytes(manifest, shard) - file.longest()) for shard, file in wanted.items())
     free = shutil.disk_usage(place).free
     if needed > free:
         msg = (

@@ -26,10 +26,15 @@ def cache_folder() -> Path:
 
 
 def cache_place() -> Path:
-    """Return the same folder, which may not exist and may be read-only."""
+    """Return the same folder, which may not exist and may be read-only; UsageError where there is no such home."""
     chosen = os.environ.get("EIGENBENCH_CACHE")
-    if chosen:
-        return Path(chosen).expanduser()
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "eigenbench"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eigenbench"
+    try:
+        if chosen:
+            return Path(chosen).expanduser()
+        if sys.platform == "darwin":
+            return Path.home() / "Library" / "Caches" / "eigenbench"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eigenbench"
+    except RuntimeError as error:
+        what = f"EIGENBENCH_CACHE is '{chosen}', of a user who has" if chosen else "The user of this process has"
+        msg = f"{what} no home folder on this machine. Set EIGENBENCH_CACHE to a folder that can be written."
+        raise UsageError(msg) from error

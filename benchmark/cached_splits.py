@@ -2,13 +2,14 @@
 
 import fcntl
 import os
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 
 from eigenbench.cache import cache_folder, cache_place
-from eigenbench.errors import DataError, UsageError
+from eigenbench.errors import DataError, EigenbenchError, UsageError
 from eigenbench.manifest import MANIFEST, Manifest, read_manifest
 from eigenbench.shard_format import FILES, content_digest, shard_name
 from eigenbench.shards import REBUILD, WholeShard, map_shard
@@ -16,6 +17,9 @@ from eigenbench.shards import REBUILD, WholeShard, map_shard
 Shard = tuple[str, int]
 """A file of a split: "inputs" or "targets", and its number."""
 Tell = Callable[[str], None]
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_END_AT = {0: 40, 1: 44, 2: 28, 3: 28}
+"""Where a file's end is noted, by the version of HDF5's superblock, with addresses of 8 bytes."""
 
 
 def data_place(version: str) -> Path:
@@ -40,8 +44,30 @@ def present(manifest: Manifest) -> list[Shard]:
     return [(file, k) for file, k in files_of(manifest) if (place / shard_name(file, k)).is_file()]
 
 
+def unlisted(manifest: Manifest) -> list[Path]:
+    """Return the shard files in the folder of a cached split that the split does not have."""
+    listed = {shard_name(*shard) for shard in files_of(manifest)}
+    found = (path for file in FILES for path in place_of(manifest).glob(f"{file}-*.h5"))
+    return sorted(path for path in found if path.name not in listed)
+
+
+def wrong_with_manifest(manifest: Manifest) -> str:
+    """Return what is wrong with the manifest file of a cached split; "" if it is the frozen one."""
+    path = place_of(manifest) / MANIFEST
+    if not path.is_file():
+        return f"{path} is missing"
+    try:
+        found = read_manifest(path.parent)
+    except DataError as error:
+        return str(error)
+    return "" if found == manifest else f"{path} differs from the frozen one"
+
+
 def is_whole(manifest: Manifest) -> bool:
-    """Say whether a split lies in the cache: finished, with the frozen digests, every file there. Hashes nothing."""
+    """Say whether a split lies in the cache: finished, with the frozen digests, no file missing or cut short.
+
+    Hashes nothing.
+    """
     place = place_of(manifest)
     if not (place / MANIFEST).is_file():
         return False
@@ -49,7 +75,17 @@ def is_whole(manifest: Manifest) -> bool:
         same = read_manifest(place).digest == manifest.digest
     except DataError:
         return False
-    return same and len(present(manifest)) == len(files_of(manifest))
+    return same and all(_has_its_length(place / shard_name(*shard)) for shard in files_of(manifest))
+
+
+def _has_its_length(path: Path) -> bool:
+    """Say whether a file is HDF5 and as long as it says itself."""
+    try:
+        with path.open("rb") as file:
+            head, size = file.read(64), os.fstat(file.fileno()).st_size
+        return head.startswith(_HDF5) and size >= struct.unpack_from("<Q", head, _END_AT[head[8]])[0]
+    except (OSError, LookupError, struct.error):
+        return False
 
 
 def cached_split(manifest: Manifest) -> Path:
@@ -65,7 +101,18 @@ def cached_split(manifest: Manifest) -> Path:
 
 
 def checked(path: Path, shard: Shard, manifest: Manifest) -> WholeShard:
-    """Read a whole shard file; DataError unless it holds what the manifest says."""
+    """Read a whole shard file; DataError unless it holds what the manifest says, whatever else reading it raises."""
+    try:
+        return _checked(path, shard, manifest)
+    except EigenbenchError:
+        raise
+    except Exception as error:  # a file from elsewhere may be anything
+        what = " ".join(str(error).split())[:200]
+        msg = f"{path} is no shard that can be read: {type(error).__name__} {what}".rstrip()
+        raise DataError(msg) from error
+
+
+def _checked(path: Path, shard: Shard, manifest: Manifest) -> WholeShard:
     file, number = shard
     entry = manifest.shards[number]
     try:

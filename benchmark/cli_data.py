@@ -119,7 +119,8 @@ def path_of(task: Annotated[str, typer.Option(help="Which task.")], split: Split
 @data_app.command("verify")
 def verify_cache(task: Tasks = "all", split: Split = "all", as_json: Json = False) -> None:
     """Hash every file in the cache, check schema and invariants; name what is wrong."""
-    from eigenbench.cached_splits import place_of, wrong_files
+    from eigenbench.cached_splits import place_of, unlisted, wrong_files, wrong_with_manifest
+    from eigenbench.manifest import MANIFEST
     from eigenbench.shard_format import shard_name
     from eigenbench.verification import verify
 
@@ -127,8 +128,12 @@ def verify_cache(task: Tasks = "all", split: Split = "all", as_json: Json = Fals
     bad: dict[str, str] = {}
     for manifest in _cached(task, split):
         place = place_of(manifest)
-        if found := wrong_files(manifest):
-            bad |= {str(place / shard_name(*shard)): text for shard, text in found.items()}
+        found = {str(place / shard_name(*shard)): text for shard, text in wrong_files(manifest).items()}
+        found |= {str(path): f"{path} is none of this split's files" for path in unlisted(manifest)}
+        if text := wrong_with_manifest(manifest):
+            found[str(place / MANIFEST)] = text
+        if found:
+            bad |= found
         else:
             verify(place)
             good[str(place)] = manifest.digest
@@ -232,6 +237,7 @@ def _print_brought(splits: "list[tuple[Manifest, Brought]]", as_json: bool) -> N
             "fetched": b.fetched,
             "rebuilt": b.rebuilt,
             "troubles": b.troubles,
+            "hashed": b.hashed,
         }
         for m, b in splits
     ]
@@ -242,7 +248,8 @@ def _print_brought(splits: "list[tuple[Manifest, Brought]]", as_json: bool) -> N
         how = [f"{count} files from {address}" for address, count in row["fetched"].items()]
         how += [f"{row['rebuilt']} files made here"] if row["rebuilt"] else []
         how += [f"{row['kept']} files were here"] if row["kept"] else []
-        print(printable(f"{row['task']}/{row['split']}: {', '.join(how)}; digest {row['digest'][:16]}, as frozen"))
+        sure = "as frozen" if row["hashed"] else "not hashed now; `eigenbench data verify` does that"
+        print(printable(f"{row['task']}/{row['split']}: {', '.join(how)}; digest {row['digest'][:16]}, {sure}"))
         for address, text in row["troubles"].items():
             print(printable(f"  {address} {text}"))
         print(printable(f"  {row['folder']}"))

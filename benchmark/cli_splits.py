@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 FRESH_PAIRS = 20_000
 """As many as the public test splits have."""
+_MOST_DIGITS = 19
+"""Digits of the largest seed, 2^63 - 1."""
 
 
 def split_to_score(data: Path | None, task: str | None, fresh: str | None, hidden: Path | None, quiet: bool) -> Path:
@@ -111,8 +113,9 @@ def _fresh_split(task: str, fresh: str, quiet: bool) -> Path:
     from eigenbench.cache import cache_folder
     from eigenbench.records import Recipe
 
-    if fresh != "new" and not fresh.isdecimal():
-        msg = f"Seed of --fresh is '{fresh}'; it must be a whole number from 1 on, or `new`."
+    if fresh != "new" and not (fresh.isdecimal() and len(fresh) <= _MOST_DIGITS):
+        shown = fresh if len(fresh) <= 2 * _MOST_DIGITS else f"{fresh[:_MOST_DIGITS]}..."
+        msg = f"Seed of --fresh is '{shown}'; it must be a whole number from 1 to 2^63 - 1, or `new`."
         raise UsageError(msg)
     seed = 1 + secrets.randbelow(2**63 - 1) if fresh == "new" else int(fresh)
     if seed == 0:

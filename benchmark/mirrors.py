@@ -9,17 +9,20 @@ import io
 import os
 import re
 import ssl
+import stat
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO, cast
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, unquote, urlsplit
-from urllib.request import Request, urlopen
+from urllib.request import Request
 
 from eigenbench._version import __version__
+from eigenbench.connections import WEB, Watch, answered
 from eigenbench.errors import UsageError
 
 DEFAULT_MIRRORS: tuple[str, ...] = ()
@@ -28,19 +31,25 @@ TIMEOUT = 30.0
 """Seconds of silence after which a mirror is given up."""
 _MAX_FAILURES = 3
 """Failures in a row after which a mirror is not asked again."""
+_PAUSES = (0.5, 1.0, 2.0)
+"""Seconds for which a mirror is left in peace after it refused once, twice, thrice in a row; then it is given up."""
 _REDIRECT = range(300, 400)
+_ABSENT = (404, 410)
+_TOO_MANY = 429
+_SERVER_ERRORS = range(500, 600)
 _NO_RANGE_LEFT = 416
 
 
 class MirrorTrouble(Exception):
-    """A mirror did not give what was asked of it; the text says what it did.
+    """A mirror did not give what was asked of it; the text says what it did."""
 
-    `brought` is the number of bytes by which it completed what was there before.
-    """
 
-    def __init__(self, text: str, brought: int = 0) -> None:
-        super().__init__(text)
-        self.brought = brought
+class Absent(MirrorTrouble):
+    """A mirror does not have a file; it may well have the others."""
+
+
+class Refused(MirrorTrouble):
+    """A mirror is too busy, or down at the moment; it may be asked again in a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,20 +62,25 @@ class Opened:
     start : the first byte's place; 0 where a server cannot begin later
     total : bytes of the whole file, None where the server does not tell
     kind : its content type as the server calls it, "" where it does not
+    watch : what can break the stream off while it is read from, None where it cannot drip
     """
 
     stream: BinaryIO
     start: int
     total: int | None
     kind: str = ""
+    watch: Watch | None = None
 
 
 @dataclass(slots=True, eq=False)
 class Mirror:
-    """One mirror and how often in a row it failed."""
+    """One mirror, how often in a row it failed or refused, when that was last counted, and until when it rests."""
 
     address: str
     failures: int = 0
+    refusals: int = 0
+    counted: float = 0.0
+    rests_until: float = 0.0
 
     @property
     def local(self) -> bool:
@@ -83,12 +97,30 @@ class Mirrors:
 
     def usable(self) -> list[Mirror]:
         """Return those that did not fail too often in a row."""
-        return [m for m in self.all if m.failures < _MAX_FAILURES]
+        return [m for m in self.all if m.failures < _MAX_FAILURES and m.refusals <= len(_PAUSES)]
 
-    def note(self, mirror: Mirror, worked: bool) -> None:
-        """Count a success or a failure."""
+    def worked(self, mirror: Mirror) -> None:
+        """Note that a mirror brought something: what it did before is forgotten."""
         with self._lock:
-            mirror.failures = 0 if worked else mirror.failures + 1
+            mirror.failures = mirror.refusals = 0
+
+    def failed(self, mirror: Mirror, trouble: MirrorTrouble, began: float) -> None:
+        """Count what went wrong with a try that began at a time of the monotonic clock.
+
+        Tries that run beside each other count once, however many threads make them; lacking a file counts nothing.
+        """
+        if isinstance(trouble, Absent):
+            return
+        with self._lock:
+            now = time.monotonic()
+            if began < mirror.counted:
+                return
+            mirror.counted = now
+            if isinstance(trouble, Refused):
+                mirror.rests_until = now + _PAUSES[min(mirror.refusals, len(_PAUSES) - 1)]
+                mirror.refusals += 1
+            else:
+                mirror.failures += 1
 
 
 def chosen_mirrors(named: Sequence[str] = (), offline: bool = False) -> Mirrors:
@@ -103,15 +135,22 @@ def chosen_mirrors(named: Sequence[str] = (), offline: bool = False) -> Mirrors:
 
 def _checked(address: str) -> str:
     """Return an address without slashes at its end; UsageError if nothing can be asked there."""
-    parts = urlsplit(address)
-    folder = _folder_of(address)
+    try:
+        parts, folder = urlsplit(address), _folder_of(address)
+        named = bool(parts.hostname) and (parts.port is None or parts.port > 0)
+    except ValueError as error:
+        msg = f"Mirror '{address}' is no address: {error}. Pass one such as https://host/eigenbench."
+        raise UsageError(msg) from error
+    if not address.strip() or "\0" in address:
+        msg = f"Mirror '{address}' is no address. Pass one such as https://host/eigenbench, or a folder."
+        raise UsageError(msg)
     if folder is not None and not folder.is_dir():
         msg = f"Mirror {address} is no folder. Pass an address (https://..., s3://...) or a folder that exists."
         raise UsageError(msg)
-    if parts.scheme in ("http", "https") and (not parts.hostname or re.search(r"[\s\x00-\x1f]", address)):
+    if parts.scheme in WEB and (not named or re.search(r"[\s\x00-\x1f]", address)):
         msg = f"Mirror '{address}' is no address: it names no host. Pass one such as https://host/eigenbench."
         raise UsageError(msg)
-    if parts.scheme in ("http", "https") and parts.username is not None:
+    if parts.scheme in WEB and parts.username is not None:
         msg = f"Mirror at {parts.hostname} is named with a user; that cannot be asked for. Pass its address alone."
         raise UsageError(msg)
     return address.rstrip("/") or "/"
@@ -133,8 +172,8 @@ def open_at(mirror: str, name: str, offset: int, timeout: float = TIMEOUT) -> It
     folder = _folder_of(mirror)
     try:
         if folder is not None:
-            with (folder / name).open("rb") as stream:
-                yield _sought(stream, offset, os.fstat(stream.fileno()).st_size)
+            with _plain(folder / name) as (stream, size):
+                yield _sought(stream, offset, size)
         elif mirror.startswith(("http://", "https://")):
             with _http(f"{mirror}/{quote(name)}", offset, timeout) as opened:
                 yield opened
@@ -143,7 +182,7 @@ def open_at(mirror: str, name: str, offset: int, timeout: float = TIMEOUT) -> It
                 yield _sought(stream, offset, size)
     except FileNotFoundError as error:
         text = "does not have it"
-        raise MirrorTrouble(text) from error
+        raise Absent(text) from error
     except (OSError, http.client.HTTPException, ValueError) as error:
         raise MirrorTrouble(said(error)) from error
 
@@ -154,24 +193,42 @@ def _sought(stream: BinaryIO, offset: int, size: int) -> Opened:
 
 
 @contextmanager
+def _plain(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """Open a file of a folder, with its size; a pipe or a device, which could be silent for ever, is none."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            text = "has something there that is no file"
+            raise MirrorTrouble(text)
+        with os.fdopen(handle, "rb", closefd=False) as stream:
+            yield stream, found.st_size
+    finally:
+        os.close(handle)
+
+
+@contextmanager
 def _http(url: str, offset: int, timeout: float) -> Iterator[Opened]:
     headers = {"User-Agent": f"eigenbench/{__version__}", "Accept-Encoding": "identity"}
     if offset:
         headers["Range"] = f"bytes={offset}-"
-    try:
-        response: http.client.HTTPResponse = urlopen(Request(url, headers=headers), timeout=timeout)
-    except HTTPError as error:
-        with contextlib.closing(error):
+    with contextlib.ExitStack() as stack:
+        try:
+            response, watch = stack.enter_context(answered(Request(url, headers=headers), timeout))
+        except HTTPError as error:
             total = _total_of(error.headers.get("Content-Range", ""))
-            if error.code == _NO_RANGE_LEFT and total is not None:
-                yield Opened(io.BytesIO(), min(offset, total), total)  # nothing is left to send
-                return
-        raise MirrorTrouble(_answered(error)) from error
-    with response:
+            if error.code != _NO_RANGE_LEFT or total is None:
+                raise _answered(error) from error
+            yield Opened(io.BytesIO(), min(offset, total), total)  # nothing is left to send
+            return
+        except (URLError, ConnectionError) as error:
+            if isinstance(error.reason if isinstance(error, URLError) else error, ConnectionError):
+                raise Refused(said(error)) from error
+            raise
         if (coding := response.headers.get("Content-Encoding", "identity")) != "identity":
             text = f"sent it in the coding '{coding}', which was not asked for"
             raise MirrorTrouble(text)
-        yield _described(response, offset)
+        yield replace(_described(response, offset), watch=watch)
 
 
 def _described(response: http.client.HTTPResponse, offset: int) -> Opened:
@@ -197,10 +254,13 @@ def _total_of(content_range: str) -> int | None:
     return int(total) if total.isdecimal() else None
 
 
-def _answered(error: HTTPError) -> str:
+def _answered(error: HTTPError) -> MirrorTrouble:
+    text = f"answered {error.code} {error.reason}"
     if error.code in _REDIRECT:
-        return "redirects in a circle, or to nowhere"
-    return f"answered {error.code} {error.reason}"
+        return MirrorTrouble("redirects in a circle, or to nowhere")
+    if error.code in _ABSENT:
+        return Absent(text)
+    return Refused(text) if error.code == _TOO_MANY or error.code in _SERVER_ERRORS else MirrorTrouble(text)
 
 
 def said(error: Exception) -> str:

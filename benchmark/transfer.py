@@ -1,7 +1,8 @@
 """Bringing one file from the first of several mirrors that has it right, going on where an earlier try stopped.
 
 What has arrived lies beside the file's place as `.<name>.<total>.part`, total being the bytes of the whole; it only
-grows, so that a process may be killed at any byte. It gets its name when its content has proved right.
+grows, so that a process may be killed at any byte. It gets its name when its content has proved right. Of what mirrors
+with other totals brought, the longest stays beside it, and no more: mirrors that lie cannot fill the disk.
 """
 
 import errno
@@ -14,13 +15,13 @@ from pathlib import Path
 from threading import Event
 
 from eigenbench.errors import DataError
-from eigenbench.mirrors import TIMEOUT, Mirror, Mirrors, MirrorTrouble, Opened, open_at, said
+from eigenbench.mirrors import TIMEOUT, Absent, Mirror, Mirrors, MirrorTrouble, Opened, Refused, open_at, said
 from eigenbench.writeback import begin_writing
 
 BLOCK = 1 << 18
 """Bytes that are read at a time."""
 _ROUNDS = 20
-"""How often all mirrors are asked again, as long as any of them brings something."""
+"""How often mirrors are asked again, as long as any of them brings something or asked for a pause."""
 _OPENINGS = 3
 """A file is asked for from where the longest part ends; if its length is another, from where its own part ends."""
 _BEGIN = 1 << 22
@@ -69,6 +70,15 @@ class Wanted:
         found = self.place.parent.glob(f".{self.place.name}.*.part")
         return sorted(found, key=lambda p: p.stat().st_size, reverse=True)
 
+    def longest(self) -> int:
+        """Return how many bytes the longest part has."""
+        return max((p.stat().st_size for p in self.parts()), default=0)
+
+    def make_room(self, part: Path) -> None:
+        """Remove all parts but one and the longest other."""
+        for other in [p for p in self.parts() if p != part][1:]:
+            other.unlink(missing_ok=True)
+
 
 @dataclass(frozen=True, slots=True)
 class Fetcher:
@@ -94,21 +104,54 @@ class Fetcher:
         Stopped : `stop` was set; what arrived is kept
         """
         told: dict[str, str] = {}
+        lacking: set[Mirror] = set()
+        vain: set[Mirror] = set()
         for _ in range(_ROUNDS):
-            brought = 0
-            for mirror in self.mirrors.usable():
-                try:
-                    self._from(mirror, wanted)
-                except MirrorTrouble as trouble:
-                    told[mirror.address] = str(trouble)
-                    brought += trouble.brought
-                    self.mirrors.note(mirror, worked=trouble.brought > 0)
-                else:
-                    self.mirrors.note(mirror, worked=True)
+            there = wanted.longest()
+            asked = [m for m in self.mirrors.usable() if m not in lacking | vain]
+            for mirror in asked:
+                if time.monotonic() < mirror.rests_until:
+                    continue
+                trouble = self._try(mirror, wanted)
+                if trouble is None:
                     return mirror.address, told
-            if not brought:
+                told[mirror.address] = str(trouble)
+                if isinstance(trouble, Absent):
+                    lacking.add(mirror)
+                elif not isinstance(trouble, Refused):
+                    vain.add(mirror)
+            if wanted.longest() > there:
+                vain.clear()
+            elif not self._rested([m for m in asked if m not in lacking | vain]):
                 break
         raise NoMirror(told)
+
+    def _try(self, mirror: Mirror, wanted: Wanted) -> MirrorTrouble | None:
+        """Bring a file from one mirror; return what went wrong, which is counted, None if nothing did."""
+        began, there = time.monotonic(), wanted.longest()
+        try:
+            self._from(mirror, wanted)
+        except MirrorTrouble as trouble:
+            if wanted.longest() - there >= _LEAST:
+                self.mirrors.worked(mirror)
+            else:
+                self.mirrors.failed(mirror, trouble, began)
+            return trouble
+        self.mirrors.worked(mirror)
+        return None
+
+    def _rested(self, refused: list[Mirror]) -> bool:
+        """Wait until one of the mirrors that refused may be asked again; False if none may."""
+        usable = self.mirrors.usable()
+        until = [mirror.rests_until for mirror in refused if mirror in usable]
+        if not until:
+            return False
+        pause = max(0.0, min(until) - time.monotonic())
+        if self.stop is None:
+            time.sleep(pause)
+        elif self.stop.wait(pause):
+            raise Stopped
+        return True
 
     def _from(self, mirror: Mirror, wanted: Wanted) -> None:
         """Complete a file from one mirror. If what others began proves wrong, it is brought again from its start."""
@@ -129,9 +172,13 @@ class Fetcher:
         offset = parts[0].stat().st_size if parts else 0
         for _ in range(_OPENINGS):
             with open_at(mirror.address, wanted.name, offset, self.timeout) as opened:
+                if opened.total is not None and opened.total > wanted.most:
+                    text = f"announced more than the {wanted.most:,} bytes that it can have"
+                    raise MirrorTrouble(text)
                 part = wanted.part(opened.total)
                 had = part.stat().st_size if part.exists() else 0
                 if opened.start in (0, had):
+                    wanted.make_room(part)
                     self._append(opened, part, wanted, had)
                     return part, had
             offset = had
@@ -146,7 +193,7 @@ class Fetcher:
         size = begun = opened.start
         try:
             with part.open("ab", buffering=0) as file:
-                for block in self._blocks(opened, wanted, had):
+                for block in self._blocks(opened, wanted):
                     _write(file, block[max(0, had - size) :])
                     size += len(block)
                     if size - begun >= _BEGIN:
@@ -160,14 +207,19 @@ class Fetcher:
             raise DataError(write_trouble(part, error)) from error
         if opened.total is not None and size != opened.total:
             text = f"broke off after {size:,} of {opened.total:,} bytes"
-            raise MirrorTrouble(text, max(0, size - had))
+            raise MirrorTrouble(text)
 
-    def _blocks(self, opened: Opened, wanted: Wanted, had: int) -> Iterator[bytes]:
-        """Yield what a stream brings; MirrorTrouble if it breaks, is too slow or cannot be what is wanted."""
-        read = getattr(opened.stream, "read1", opened.stream.read)
+    def _blocks(self, opened: Opened, wanted: Wanted) -> Iterator[bytes]:
+        """Yield what a stream brings; MirrorTrouble if it breaks, is too slow or cannot be what is wanted.
+
+        Only the time that is spent waiting for the mirror counts, not what writing takes.
+        """
         size = before = opened.start
-        since = time.monotonic()
-        while block := _read(read, max(0, size - had)):
+        spent = 0.0
+        while True:
+            began = time.monotonic()
+            block = _read(opened, self.timeout - spent)
+            spent += time.monotonic() - began
             if size == 0 and not block.startswith(wanted.begins[: len(block)]):
                 text = f"sent something else ({opened.kind or 'of no stated type'})"
                 raise MirrorTrouble(text)
@@ -175,19 +227,34 @@ class Fetcher:
             if size > wanted.most:
                 text = f"sent more than the {wanted.most:,} bytes that it can have"
                 raise MirrorTrouble(text)
-            yield block
-            if (now := time.monotonic()) - since > self.timeout:
-                if size - before < _LEAST:
-                    text = f"brought {size - before:,} bytes in {now - since:.0f} s"
-                    raise MirrorTrouble(text)
-                since, before = now, size
+            if block:
+                yield block
+            if size - before >= _LEAST:
+                before, spent = size, 0.0
+            elif spent > self.timeout and (block or _expired(opened)):
+                raise MirrorTrouble(_too_slow(size - before, spent))
+            if not block:
+                return
 
 
-def _read(read: Callable[[int], bytes], brought: int) -> bytes:
+def _read(opened: Opened, seconds: float) -> bytes:
+    """Read a block; what takes longer than so many seconds, and a little, is broken off where that can be."""
+    read: Callable[[int], bytes] = getattr(opened.stream, "read1", opened.stream.read)
+    began = time.monotonic()
     try:
-        return read(BLOCK)
+        with opened.watch.within(seconds) if opened.watch else nullcontext():
+            return read(BLOCK)
     except Exception as error:  # every protocol has exceptions of its own
-        raise MirrorTrouble(said(error), brought) from error
+        text = _too_slow(0, time.monotonic() - began) if _expired(opened) else said(error)
+        raise MirrorTrouble(text) from error
+
+
+def _expired(opened: Opened) -> bool:
+    return opened.watch is not None and opened.watch.expired
+
+
+def _too_slow(size: int, seconds: float) -> str:
+    return f"brought {size:,} bytes in {seconds:.3g} s" if size else "was silent for too long"
 
 
 def _write(file: io.FileIO, block: bytes) -> None:

@@ -40,7 +40,7 @@ def _verify_split(folder: Path, progress: Progress | None) -> Manifest:
     manifest = read_manifest(folder)
     expected = {shard_name(f, k) for f in FILES for k in range(len(manifest.shards))}
     if extra := {p.name for p in folder.glob("*.h5")} - expected:
-        msg = f"{folder} holds {min(extra)}, which its manifest does not list."
+        msg = f"{folder} holds {min(extra)}, which its manifest does not list. Remove it."
         raise DataError(msg)
     seen: set[int] = set()
     done = 0

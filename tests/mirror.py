@@ -153,6 +153,57 @@ def drips(handler: Handler, content: bytes) -> bool:
     return True
 
 
+def drips_after(head: bytes, piece: bytes) -> Callable[[Handler, bytes], bool]:
+    """Return an answer that begins in some way and then goes on a little at a time, for 6 s."""
+
+    def answer(handler: Handler, content: bytes) -> bool:
+        handler.write(head)
+        for _ in range(60):
+            if handler.owner.over.wait(0.1):
+                break
+            handler.write(piece)
+        return True
+
+    return answer
+
+
+def redirects(address: str) -> Callable[[Handler, bytes], bool]:
+    """Return an answer that sends elsewhere."""
+
+    def answer(handler: Handler, content: bytes) -> bool:
+        handler.send_response(302)
+        handler.send_header("Location", address)
+        handler.send_header("Content-Length", "0")
+        handler.end_headers()
+        return True
+
+    return answer
+
+
+def announces_ever_more(handler: Handler, content: bytes) -> bool:
+    """Send all of the file, told as a little more than that, and more at each request."""
+    handler.send_response(200)
+    handler.send_header("Content-Length", str(len(content) + 7 * len(handler.owner.asked)))
+    handler.end_headers()
+    handler.write(content)
+    return True
+
+
+def hiccups(seconds: float, status: int) -> Callable[[Handler, bytes], bool]:
+    """Return an answer that is a status, or for 0 the end of the connection, until so long after the first request."""
+    began: list[float] = []
+
+    def answer(handler: Handler, content: bytes) -> bool:
+        began.append(time.monotonic())
+        if began[-1] - began[0] > seconds:
+            return False
+        if status:
+            handler.send_error(status)
+        return True
+
+    return answer
+
+
 def knows_no_ranges(handler: Handler, content: bytes) -> bool:
     """Send the whole file, whatever part was asked for."""
     handler.start = 0

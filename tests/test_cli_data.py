@@ -9,7 +9,7 @@ from material import EXAMPLES
 
 from eigenbench import frozen
 from eigenbench._version import DATA_VERSION
-from eigenbench.cache import cache_folder
+from eigenbench.cache import cache_folder, cache_place
 from eigenbench.cli import app
 from eigenbench.errors import DataError, ModelError, UsageError
 from eigenbench.freezing import write_record
@@ -94,6 +94,57 @@ def test_repair_without_a_mirror_makes_the_file_again(hosted, frozen_small, run)
     assert list(run("data", "verify", "--json")["bad"]) == []
 
 
+def test_repair_removes_what_the_split_does_not_have(hosted, frozen_small, run):
+    """A shard file too many is named by `data verify`, removed by `data repair`, and then nothing is wrong."""
+    run("download", "--task", "tube", "--split", "test", "--mirror", str(hosted))
+    folder = frozen_small / "data" / DATA_VERSION / "tube" / "test"
+    extra = [folder / "inputs-00099.h5", folder / "targets-00001.h5"]
+    for path in extra:
+        path.write_bytes((folder / "inputs-00000.h5").read_bytes())
+    with pytest.raises(DataError, match="2 files in the cache are wrong; `eigenbench data repair`"):
+        run("data", "verify")
+    assert "2 files were here; digest" in run("data", "repair", "--no-rebuild")
+    assert not any(path.exists() for path in extra)
+    assert run("data", "verify", "--json")["bad"] == {}
+
+
+@pytest.mark.parametrize("change", [None, ('"seed": 0', '"seed": 7'), ('"positives"', '"negatives"')])
+def test_manifest_that_is_missing_or_altered_is_repaired(hosted, frozen_small, run, change):
+    """With every shard there, the advice for a wrong manifest in the cache is `data repair`, and that mends it."""
+    run("download", "--task", "tube", "--split", "test", "--mirror", str(hosted))
+    path = frozen_small / "data" / DATA_VERSION / "tube" / "test" / "manifest.json"
+    right = path.read_bytes()
+    path.unlink()
+    if change:
+        path.write_text(right.decode().replace(*change))
+    with pytest.raises(
+        DataError, match="1 files in the cache are wrong; `eigenbench data repair` mends them"
+    ) as failed:
+        run("data", "verify")
+    assert "generate" not in str(failed.value)
+    run("data", "repair", "--no-rebuild")
+    assert path.read_bytes() == right
+    assert run("data", "verify", "--json")["bad"] == {}
+
+
+def test_only_what_was_hashed_is_called_frozen(hosted, frozen_small, run):
+    """A split that was only looked at is not told as frozen; a shard that was cut is missed by the look already."""
+    asked = ("download", "--task", "tube", "--split", "test", "--mirror", str(hosted))
+    assert run(*asked).splitlines()[0].endswith(", as frozen")
+    told = run(*asked)
+    assert "2 files were here" in told
+    assert "not hashed now; `eigenbench data verify` does that" in told
+    assert "as frozen" not in told
+    assert not run(*asked, "--json")[0]["hashed"]
+    targets = frozen_small / "data" / DATA_VERSION / "tube" / "test" / "targets-00000.h5"
+    right = targets.read_bytes()
+    for wrong in (right[:1000], right[:-1], b"", b"no HDF5" * 100):
+        targets.write_bytes(wrong)
+        assert not run("data", "list", "--json")[1]["whole"]
+        assert f"1 files from {hosted}, 1 files were here" in run(*asked)
+        assert run("data", "list", "--json")[1]["whole"]
+
+
 def test_evaluate_with_an_empty_cache_and_no_network(frozen_small, run, tmp_path):
     """`evaluate --task` brings the frozen test split by itself: here it has to make it, and says so."""
     path, out = str(EXAMPLES / "bounding_box.py"), tmp_path / "run"
@@ -156,6 +207,28 @@ def test_wrong_arguments(run):
     ):
         with pytest.raises(UsageError, match=said):
             run(*arguments)
+
+
+@pytest.mark.parametrize("seed", ["9" * 5000, "9" * 20, "0", "-1", "x" * 5000, ""])
+def test_fresh_seed_that_is_none(run, seed):
+    """What is no seed is refused in a sentence that can be read, and nothing is made."""
+    with pytest.raises(UsageError, match="Seed of --fresh is ") as failed:
+        run("evaluate", str(EXAMPLES / "bounding_box.py"), "--task", "tube", "--fresh", seed)
+    assert len(str(failed.value)) < 200
+
+
+def test_places_of_the_cache(monkeypatch, tmp_path):
+    """A home that does not exist is refused in a sentence; an empty XDG_CACHE_HOME is as good as none."""
+    monkeypatch.setenv("EIGENBENCH_CACHE", "~nosuchuser/x")
+    with pytest.raises(UsageError, match="EIGENBENCH_CACHE is '~nosuchuser/x', of a user who has no home"):
+        cache_place()
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("EIGENBENCH_CACHE", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_place() == tmp_path / ".cache" / "eigenbench"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_place() == tmp_path / "xdg" / "eigenbench"
 
 
 def test_publish_from_the_cache(hosted, run, tmp_path):
