@@ -5,8 +5,8 @@ Beside them, of models that learn first: `few-shot-<draw>.npz` and `subset-<pair
 
 import hashlib
 import json
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenbench.answers import BadAnswer, check_answer, read_groups
+from eigenbench.answers import check_answer, read_groups
 from eigenbench.dataset import Dataset
-from eigenbench.errors import DataError, GenerationError
+from eigenbench.errors import DataError, EigenbenchError, GenerationError, UsageError, printable
 from eigenbench.records import Arrays, Groups
 from eigenbench.shards import publish, temporary_beside, write_text_atomically
 
@@ -24,16 +24,8 @@ RESULT, PREDICTIONS = "result.json", "predictions.npz"
 RESULT_VERSION = 2
 """1: scores, isolation, digest of the model file. 2: also digest of its folder, limits, seeds, processor, memory."""
 
-_UNREADABLE = (
-    OSError,
-    EOFError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    RecursionError,
-    zipfile.BadZipFile,
-)
+_AGAIN = "Evaluate the model again."
+_LONGEST_REASON = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +48,25 @@ class Run:
 
     predictions: Predictions
     result: dict[str, Any]
+
+
+@contextmanager
+def read_safely(what: str, advice: str) -> Iterator[None]:
+    """Turn whatever untrusted bytes raise inside into a DataError: what cannot be done, why, and what to do about it.
+
+    The readers of JSON, zip and npy raise a dozen kinds of errors on bytes that somebody else made. DataError and
+    UsageError pass as they are.
+    """
+    try:
+        yield
+    except (DataError, UsageError):
+        raise
+    except Exception as error:
+        plain = isinstance(error, EigenbenchError | ValueError | OSError) and str(error)
+        why = printable(str(error) if plain else f"{type(error).__name__} {error}".strip()).removesuffix(".")
+        shown = why if len(why) <= _LONGEST_REASON else why[:_LONGEST_REASON] + "..."
+        msg = f"{what}: {shown}. {advice}"
+        raise DataError(msg) from error
 
 
 def write_run(
@@ -129,21 +140,18 @@ def read_learnt(folder: Path, name: str, digest: str, pair_ids: NDArray[np.uint6
 
 def _read_result(folder: Path) -> dict[str, Any]:
     """Return a run's result.json, of a version that this eigenbench reads."""
-    if not (folder / RESULT).is_file():
-        msg = f"{folder} holds no {RESULT}, so it is not a run; `eigenbench evaluate` makes one."
-        raise DataError(msg)
-    try:
+    with read_safely(f"{folder} cannot be read as a run", _AGAIN):
+        if not (folder / RESULT).is_file():
+            msg = f"{folder} holds no {RESULT}, so it is not a run; `eigenbench evaluate` makes one."
+            raise DataError(msg)
         result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         version = result.get("result_version")
-        readable = isinstance(version, int) and 1 <= version <= RESULT_VERSION
+        readable = type(version) is int and 1 <= version <= RESULT_VERSION
         if readable:
-            _ = result["model"]["file"], result["isolation"]["level"], result["data"]["digest"], result["scores"]
-    except _UNREADABLE as error:
-        msg = f"{folder} cannot be read as a run: {error}. Evaluate the model again."
-        raise DataError(msg) from error
+            _ = result["model"]["file"], result["isolation"]["level"], result["data"]["digest"], result["scores"].keys()
     if not readable:
-        newer = isinstance(version, int) and version > RESULT_VERSION
-        hint = "It was written by a newer one: install that." if newer else "Evaluate the model again."
+        newer = type(version) is int and version > RESULT_VERSION
+        hint = "It was written by a newer one: install that." if newer else _AGAIN
         msg = f"{folder} has result version {version}, this eigenbench reads 1 to {RESULT_VERSION}. {hint}"
         raise DataError(msg)
     return result
@@ -151,20 +159,14 @@ def _read_result(folder: Path) -> dict[str, Any]:
 
 def _read_predictions(path: Path, digest: Any) -> tuple[Predictions, NDArray[np.uint64]]:
     """Return stored predictions and the ids of their pairs, checked against the interface and their digest."""
-    try:
+    with read_safely(f"{path.parent} cannot be read as a run: {path.name}", _AGAIN):
         with path.open("rb") as handle, np.load(handle, allow_pickle=False) as stored:
             arrays = {k: stored[k] for k in stored.files}
         groups = read_groups(json.loads(str(arrays.pop("groups"))))
         pair_id = arrays.pop("pair_id")
         pairs = len(pair_id)
-    except (*_UNREADABLE, BadAnswer) as error:
-        msg = f"{path.parent} cannot be read as a run: {error}. Evaluate the model again."
-        raise DataError(msg) from error
-    try:
+    with read_safely(f"{path} breaks the interface", _AGAIN):
         check_answer(arrays, groups, pairs)
-    except BadAnswer as error:
-        msg = f"{path} {error}. Evaluate the model again."
-        raise DataError(msg) from error
     predictions = Predictions(arrays, groups)
     if predictions_digest(predictions) != digest:
         msg = f"{path} was changed after its {RESULT} was written: the digests differ."

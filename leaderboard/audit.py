@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eigenbench.errors import EigenbenchError, UsageError
+from eigenbench.errors import DataError, EigenbenchError, UsageError
 from eigenbench.leaderboard.answer_key import AnswerKey, find_tests, open_key
 from eigenbench.leaderboard.chain import (
     MAX_PACK,
@@ -16,12 +16,15 @@ from eigenbench.leaderboard.chain import (
     Link,
     chain_faults,
     files_of,
+    largest_of,
     pack_name,
     read_file,
     read_link,
     record_folders,
     result_name,
 )
+from eigenbench.leaderboard.duplicates import Answers, answers_claimed, answers_in, one_twice
+from eigenbench.leaderboard.honesty import result_faults
 from eigenbench.leaderboard.pack_scores import (
     differs_from_result,
     differs_from_scores,
@@ -31,7 +34,9 @@ from eigenbench.leaderboard.pack_scores import (
 )
 from eigenbench.leaderboard.packing import Pack, analysis_disagrees, read_pack
 from eigenbench.leaderboard.records import sha256
-from eigenbench.leaderboard.standing import Entry, entries_of, reference_faults
+from eigenbench.leaderboard.standing import Entry, entries_of, reference_faults, standings
+from eigenbench.results import read_safely
+from eigenbench.tasks import TASKS
 
 Progress = Callable[[str, int, int], None]
 
@@ -89,14 +94,17 @@ def verify_board(
     if faults:  # the chain and what entries refer to cannot be followed past a record that cannot be read
         return Audited(links, faults, 0)
     faults += [Fault(*found) for found in chain_faults(links)]
-    if not faults:
+    chained = not faults
+    if chained:
+        faults += [Fault(0, found) for found in _board_faults(links[0].record.body)]
         faults += [Fault(*found) for found in reference_faults(links)]
-        faults += [Fault(*found) for found in _duplicates(links)]
     if head is not None and head not in {link.digest for link in links}:
         faults.append(Fault(len(links) - 1, f"no record has the hash {head[:16]}: history was rewritten since then"))
     faults += [Fault(link.record.number, fault) for link in links for fault in _file_faults(link)]
     if not faults:
         faults += [Fault(e.number, f) for e in entries_of(links) for f in _data_faults(e, links[0].record.body)]
+    if chained:
+        faults += [Fault(*found) for found in _duplicates(links, {f.number for f in faults})]
     if faults or data is None:
         return Audited(links, sorted(faults, key=lambda f: f.number), 0)
     faults, rescored = _rescoring(links, data, progress)
@@ -124,17 +132,36 @@ def _rescoring(links: list[Link], data: Sequence[str | Path], progress: Progress
     return sorted(faults, key=lambda f: f.number), len(entries)
 
 
+def _caught(faults: Iterator[str], what: str) -> Iterator[str]:
+    """Yield faults; whatever strangers' bytes raise while they are looked for is one more, that says what failed."""
+    try:
+        with read_safely(what, "Restore it from the board's history."):
+            yield from faults
+    except EigenbenchError as error:
+        yield str(error).removesuffix(".")
+
+
+def _board_faults(body: dict[str, Any]) -> Iterator[str]:
+    """Yield the tasks of a board that are none."""
+    for task in body["data"]:
+        if task not in TASKS:
+            yield f"it is about the task '{task}', which this eigenbench does not know; known: {', '.join(TASKS)}"
+
+
 def _file_faults(link: Link) -> Iterator[str]:
     """Yield which files of a record are missing, altered or too many."""
+    return _caught(_faults_of_files(link), f"its folder {link.folder.name} cannot be read")
+
+
+def _faults_of_files(link: Link) -> Iterator[str]:
     wanted = files_of(link.record)
     there = {p.name for p in link.folder.iterdir()} - {RECORD}
     for name in sorted(there - set(wanted)):
         yield f"it holds a file '{name[:80]}' that its record does not name"
     packed = 0
     for name, digest in wanted.items():
-        largest = MAX_RESULT if name.endswith(".json") else MAX_PACK
         try:
-            content = read_file(link.folder / name, largest)
+            content = read_file(link.folder / name, largest_of(name))
         except EigenbenchError as error:
             yield str(error).removesuffix(".")
             continue
@@ -145,21 +172,32 @@ def _file_faults(link: Link) -> Iterator[str]:
         yield f"its packed predictions have {packed:,} bytes; at most {MAX_PACK:,} are allowed"
 
 
-def _duplicates(links: list[Link]) -> Iterator[tuple[int, str]]:
-    """Yield entries that have the predictions of one that was on the board, not withdrawn, when they came."""
-    there: dict[tuple[str, str], int] = {}
-    for link in links:
-        body, number = link.record.body, link.record.number
-        if link.record.kind == "withdrawal":
-            there = {k: v for k, v in there.items() if v != body["entry"]}
+def _duplicates(links: list[Link], broken: set[int]) -> Iterator[tuple[int, str]]:
+    """Yield entries that have the answers of one that was on the board, not released, when they came.
+
+    Of entries whose files are `broken` the digests that they claim are compared, and nothing more.
+    """
+    there: dict[tuple[str, str], list[tuple[int, Answers]]] = {}
+    for link, _, entries in standings(links):
         if link.record.kind != "entry":
             continue
-        own = [(body["task"], run["predictions"]) for run in body["runs"]]
-        if len(set(own)) < len(own):
+        number = link.record.number
+        entry = entries[number]
+        own = answers_claimed(entry)
+        if number not in broken:
+            try:
+                own = answers_in(entry)
+            except DataError as error:
+                yield number, str(error).removesuffix(".")
+        if one_twice(own):
             yield number, "two of its runs have the same predictions: a seed counts once"
-        if other := next((there[k] for k in own if k in there), None):
-            yield number, f"it has the same predictions as entry {other}"
-        there |= dict.fromkeys(own, number)
+        keys = {(entry.task, key) for a in own for key in (a.claimed, a.held) if key}
+        near = [(n, a) for key in keys for n, a in there.get(key, []) if not entries[n].released]
+        if equal := [n for n, a in near if any(a.same(b) for b in own)]:
+            yield number, f"it has the same predictions as entry {min(equal)}"
+        for a in own:
+            for key in {a.claimed, a.held} - {""}:
+                there.setdefault((entry.task, key), []).append((number, a))
 
 
 def _data_faults(entry: Entry, board: dict[str, Any]) -> Iterator[str]:
@@ -172,22 +210,25 @@ def _data_faults(entry: Entry, board: dict[str, Any]) -> Iterator[str]:
         yield f"it is on data version {told['version']}, the board is about {board['data_version']}"
     if {k: told[k] for k in asked} != asked:
         yield f"its data have digest {told['digest'][:16]}, the board is about {asked['digest'][:16]}"
-    for k, run in enumerate(entry.body["runs"]):
-        try:
-            result = read_result(entry, k)
-            found = _identity(result)
-        except (EigenbenchError, LookupError, TypeError, AttributeError) as error:
-            yield f"{result_name(k)} is no result: {error}"
-            continue
-        wanted = {
-            "model": entry.body["model_digest"],
-            "task": entry.task,
-            "data": told["digest"],
-            **{name: run[name] for name in ("weights", "model_folder", "predictions", "isolation")},
-        }
-        for name, value in wanted.items():
-            if found[name] != value:
-                yield f"{result_name(k)} says {name} {str(found[name])[:16]}, the record {str(value)[:16]}"
+    for k in range(len(entry.body["runs"])):
+        yield from _caught(_result_faults(entry, k), f"{result_name(k)} is no result")
+
+
+def _result_faults(entry: Entry, run: int) -> Iterator[str]:
+    """Yield what a run's result says otherwise than the record, and why a board cannot keep it."""
+    result = read_result(entry, run)
+    found = _identity(result)
+    row = entry.body["runs"][run]
+    wanted = {
+        "model": entry.body["model_digest"],
+        "task": entry.task,
+        "data": entry.body["data"]["digest"],
+        **{name: row[name] for name in ("weights", "model_folder", "predictions", "isolation")},
+    }
+    for name, value in wanted.items():
+        if found[name] != value:
+            yield f"{result_name(run)} says {name} {str(found[name])[:16]}, the record {str(value)[:16]}"
+    yield from (f"{result_name(run)} {fault}" for fault in result_faults(result, entry.body["scores"]))
 
 
 def _identity(result: dict[str, Any]) -> dict[str, Any]:
@@ -204,22 +245,20 @@ def _identity(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_result(entry: Entry, run: int) -> dict[str, Any]:
-    """Return the copy of a run's result; DataError if it cannot be read, ValueError if it is no JSON object."""
-    found = json.loads(read_file(entry.folder / result_name(run), MAX_RESULT))
+    """Return the copy of a run's result; DataError if it cannot be read or is no JSON object."""
+    place = f"{entry.folder.name}/{result_name(run)}"
+    content = read_file(entry.folder / result_name(run), MAX_RESULT)
+    with read_safely(f"{place} is no JSON", "Restore it from the board's history."):
+        found = json.loads(content)
     if not isinstance(found, dict):
-        msg = f"it holds {type(found).__name__}"
-        raise TypeError(msg)
+        msg = f"{place} holds {type(found).__name__}, expected an object. Restore it from the board's history."
+        raise DataError(msg)
     return found
 
 
 def entry_faults(entry: Entry, key: AnswerKey) -> Iterator[str]:
     """Yield in what an entry's numbers differ from what its packed predictions give on its data."""
-    try:
-        yield from _score_faults(entry, key)
-    except EigenbenchError as error:
-        yield str(error).removesuffix(".")
-    except (LookupError, TypeError, ValueError, AttributeError) as error:  # of a result of another form
-        yield f"it cannot be scored again: {type(error).__name__} {error}"
+    return _caught(_score_faults(entry, key), f"{entry.folder.name}: it cannot be scored again")
 
 
 def _score_faults(entry: Entry, key: AnswerKey) -> Iterator[str]:
@@ -230,7 +269,9 @@ def _score_faults(entry: Entry, key: AnswerKey) -> Iterator[str]:
         if analysis_disagrees(pack, key.analysed):
             yield f"{place}: the lengths of the analysis pairs give other decisions than those stored"
         packs.append(pack)
-        yield from (f"run {k + 1}: {d}" for d in differs_from_result(pack, key, read_result(entry, k)["scores"]))
+        result = f"{entry.folder.name}/{result_name(k)}"
+        differences = differs_from_result(pack, key, read_result(entry, k)["scores"])
+        yield from _caught((f"run {k + 1}: {d}" for d in differences), f"{result}: it cannot be scored again")
     scores, replicates = score_packs(packs, key, run_seed(entry.predictions))
     stored = read_replicates(read_file(entry.folder / REPLICATES, MAX_PACK), f"{entry.folder.name}/{REPLICATES}")
     yield from differs_from_scores(scores, replicates, entry.body["scores"], stored)

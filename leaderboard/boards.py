@@ -9,19 +9,15 @@ import numpy as np
 from eigenbench.dataset import load
 from eigenbench.errors import DataError, UsageError
 from eigenbench.leaderboard.answer_key import LEAST_PAIRS, AnswerKey, find_tests, open_key
-from eigenbench.leaderboard.audit import entry_faults
+from eigenbench.leaderboard.audit import entry_faults, read_result
 from eigenbench.leaderboard.chain import MAX_PACK, Link, append_record, pack_name, read_chain, read_file
 from eigenbench.leaderboard.packing import read_pack
-from eigenbench.leaderboard.records import BADGES
+from eigenbench.leaderboard.records import BADGES, LEAST_EQUAL
 from eigenbench.leaderboard.standing import Entry, entries_of, reference_fault
 from eigenbench.manifest import Manifest, read_manifest
 from eigenbench.results import read_run
 from eigenbench.tasks import TASKS
 from eigenbench.truth import composed_decision
-
-LEAST_EQUAL = 0.99
-"""Share of the decisions in which another run of the same model must agree to confirm an entry: machines round
-differently, which moves the pairs nearest to a model's boundary and no others."""
 
 
 def open_board(board: str | Path, name: str, splits: Mapping[str, Manifest]) -> Link:
@@ -117,11 +113,18 @@ def _compared_with(entry: Entry, key: AnswerKey, split: Path, reruns: list[Path]
     if len(reruns) != len(told):
         msg = f"Entry {entry.number} has {len(told)} runs, {len(reruns)} were given; give one a seed, in its order."
         raise UsageError(msg)
+    known = [read_result(entry, k) for k in range(len(told))]
     shares: list[float] = []
     digests: list[str] = []
     hardware = ""
     for k, (folder, row) in enumerate(zip(reruns, told, strict=True)):
         run = read_run(folder, load(split))
+        if run.result in known:
+            msg = (
+                f"{folder} is a run of entry {entry.number} itself, or given twice; run the model again for each seed."
+            )
+            raise DataError(msg)
+        known.append(run.result)
         model = run.result["model"]
         for what, own, other in (
             ("model file", entry.body["model_digest"], model.get("digest")),

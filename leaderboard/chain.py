@@ -10,14 +10,15 @@ anything must rewrite all records after it, which changes the last hash, the hea
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from eigenbench.errors import DataError, UsageError
 from eigenbench.leaderboard.records import Record, check_body, read_record, sha256
+from eigenbench.results import read_safely
 from eigenbench.shards import sync, temporary_beside
 
 RECORD, REPLICATES = "record.json", "replicates.npz"
@@ -32,6 +33,15 @@ class Link:
     record: Record
     folder: Path
     digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A record that is to be appended, with its files by name."""
+
+    kind: str
+    body: dict[str, Any]
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
 
 def folder_name(number: int) -> str:
@@ -49,6 +59,11 @@ def pack_name(run: int) -> str:
     return f"run-{run + 1}.npz"
 
 
+def largest_of(name: str) -> int:
+    """Return the most bytes that a file of an entry may have."""
+    return MAX_RESULT if name.endswith(".json") else MAX_PACK
+
+
 def files_of(record: Record) -> dict[str, str]:
     """Return the sha256 of every file that a record's folder must hold beside the record, by name."""
     if record.kind != "entry":
@@ -61,10 +76,11 @@ def files_of(record: Record) -> dict[str, str]:
 
 def record_folders(board: Path) -> list[Path]:
     """Return the folders of a board's records in order; DataError if it is no board or its numbers have a gap."""
-    if not (board / folder_name(0)).is_dir():
-        msg = f"{board} is no board: it holds no folder {folder_name(0)}. `eigenbench leaderboard new` makes one."
-        raise DataError(msg)
-    names = sorted(p.name for p in board.iterdir() if p.is_dir() and not p.name.startswith("."))
+    with read_safely(f"{board} cannot be read", "Mend its rights, or take a fresh copy of the board."):
+        if not (board / folder_name(0)).is_dir():
+            msg = f"{board} is no board: it holds no folder {folder_name(0)}. `eigenbench leaderboard new` makes one."
+            raise DataError(msg)
+        names = sorted(p.name for p in board.iterdir() if p.is_dir() and not p.name.startswith("."))
     for number, name in enumerate(names):
         if name != folder_name(number):
             msg = (
@@ -85,18 +101,15 @@ def read_link(folder: Path) -> Link:
 def read_file(path: Path, largest: int) -> bytes:
     """Return a file of a board; DataError if it is missing, a link, too large or cannot be read."""
     place = f"{path.parent.name}/{path.name}"
-    if path.is_symlink() or not path.is_file():
-        msg = f"{place} is {'a link' if path.is_symlink() else 'missing'}; restore it from the board's history."
-        raise DataError(msg)
-    try:
+    with read_safely(f"{place} cannot be read", "Mend its rights, or restore it from the board's history."):
+        if path.is_symlink() or not path.is_file():
+            msg = f"{place} is {'a link' if path.is_symlink() else 'missing'}; restore it from the board's history."
+            raise DataError(msg)
         size = path.stat().st_size
         if size > largest:
             msg = f"{place} has {size:,} bytes; at most {largest:,} are allowed."
             raise DataError(msg)
         return path.read_bytes()
-    except OSError as error:
-        msg = f"{place} cannot be read: {error.strerror}."
-        raise DataError(msg) from error
 
 
 def chain_faults(links: list[Link]) -> Iterator[tuple[int, str]]:
@@ -137,25 +150,63 @@ def append_record(
 
     `links` is the chain as it was read; if another process appended meanwhile, UsageError, and nothing is written.
     """
+    return append_records(board, links, [Draft(kind, body, files or {})])[0]
+
+
+def append_records(board: str | Path, links: list[Link], drafts: Sequence[Draft]) -> list[Link]:
+    """Append records with their files, each after the other; all of them appear, or none does.
+
+    `links` is the chain as it was read; if another process appended meanwhile, UsageError, and nothing is written.
+    """
     place = Path(board)
-    number = len(links)
-    previous = links[-1].digest if links else ""
-    check_body(kind, body, f"The new {kind}")
-    record = Record(number, kind, previous, datetime.now(UTC).isoformat(timespec="seconds"), body)
-    folder = place / folder_name(number)
-    temporary = temporary_beside(folder)
+    new = _chained(place, links, drafts)
+    staged = [temporary_beside(link.folder) for link in new]
     try:
-        temporary.mkdir(parents=True)
-        for name, content in {**(files or {}), RECORD: record.content()}.items():
-            (temporary / name).write_bytes(content)
-            sync(temporary / name)
-        os.rename(temporary, folder)  # noqa: PTH104 - refuses a folder that is there and not empty
+        for temporary, link, draft in zip(staged, new, drafts, strict=True):
+            temporary.mkdir(parents=True)
+            for name, content in {**draft.files, RECORD: link.record.content()}.items():
+                (temporary / name).write_bytes(content)
+                sync(temporary / name)
+        _publish(staged, new)
         sync(place)
     except OSError as error:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if folder.exists():
-            msg = f"{folder} was written by somebody else meanwhile; run the same command again."
+        for temporary in staged:
+            shutil.rmtree(temporary, ignore_errors=True)
+        if any(link.folder.exists() for link in new):
+            msg = f"{new[0].folder} was written by somebody else meanwhile; run the same command again."
             raise UsageError(msg) from error
         msg = f"Cannot write to the board {board}: {error.strerror}. Mend it and run the same command again."
         raise UsageError(msg) from error
-    return Link(record, folder, sha256(record.content()))
+    return new
+
+
+def _chained(board: Path, links: Sequence[Link], drafts: Sequence[Draft]) -> list[Link]:
+    """Return the records of drafts, each with the hash of the one before; DataError if one cannot be on a board."""
+    new: list[Link] = []
+    for number, draft in enumerate(drafts, start=len(links)):
+        check_body(draft.kind, draft.body, f"The new {draft.kind}")
+        previous = [*links, *new][-1].digest if number else ""
+        record = Record(number, draft.kind, previous, datetime.now(UTC).isoformat(timespec="seconds"), draft.body)
+        content = record.content()
+        if len(content) > MAX_RECORD:
+            msg = f"The new {draft.kind} has {len(content):,} bytes; at most {MAX_RECORD:,} are allowed. Shorten it."
+            raise DataError(msg)
+        new.append(Link(record, board / folder_name(number), sha256(content)))
+    return new
+
+
+def _publish(staged: Sequence[Path], new: Sequence[Link]) -> None:
+    """Give staged folders their names, the last one first.
+
+    The first one, which another writer may want too, thus decides: until it is there nobody can follow the others, and
+    they are taken back if it fails.
+    """
+    moved: list[tuple[Path, Path]] = []
+    try:
+        for temporary, link in reversed(list(zip(staged, new, strict=True))):
+            os.rename(temporary, link.folder)  # noqa: PTH104 - refuses a folder that is there and not empty
+            moved.append((temporary, link.folder))
+    except OSError:
+        for temporary, folder in moved:
+            folder.rename(temporary)
+        raise

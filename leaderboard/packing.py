@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenbench import metrics
-from eigenbench.answers import BadAnswer, check_answer, read_groups
+from eigenbench.answers import check_answer, read_groups
 from eigenbench.errors import DataError
 from eigenbench.leaderboard.chain import MAX_PACK
 from eigenbench.records import Arrays, Groups
-from eigenbench.results import Predictions
+from eigenbench.results import Predictions, read_safely
 from eigenbench.truth import composed_decision
 
 Bools = NDArray[np.bool_]
@@ -90,7 +90,7 @@ def read_arrays(content: bytes, place: str, names: Collection[str] | None = None
 
     DataError if it is none, or far larger inside than outside.
     """
-    try:
+    with read_safely(f"{place} cannot be read", "Restore it from the board's history."):
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
         if unpacked > _MOST_UNPACKED:
@@ -98,9 +98,6 @@ def read_arrays(content: bytes, place: str, names: Collection[str] | None = None
             raise DataError(msg)
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files if names is None or name in names}
-    except (OSError, EOFError, ValueError, LookupError, TypeError, MemoryError, zipfile.BadZipFile) as error:
-        msg = f"{place} cannot be read: {error}. Restore it from the board's history."
-        raise DataError(msg) from error
 
 
 def read_pack(content: bytes, place: str, pairs: int, analysed: int) -> Pack:
@@ -109,12 +106,10 @@ def read_pack(content: bytes, place: str, pairs: int, analysed: int) -> Pack:
         msg = f"{place} has {len(content):,} bytes; at most {MAX_PACK:,} are allowed."
         raise DataError(msg)
     arrays = read_arrays(content, place)
-    try:
+    with read_safely(f"{place} is no pack of this board", "Restore it from the board's history."):
         pack = _unpacked(arrays, pairs, analysed)
-    except (BadAnswer, ValueError, LookupError, TypeError, RecursionError) as error:
-        msg = f"{place} is no pack of this board: it {error}."
-        raise DataError(msg) from error
-    if fault := _contradiction(pack):
+        fault = _contradiction(pack)
+    if fault:
         msg = f"{place} contradicts itself: {fault}."
         raise DataError(msg)
     return pack
@@ -122,17 +117,18 @@ def read_pack(content: bytes, place: str, pairs: int, analysed: int) -> Pack:
 
 def _unpacked(arrays: Arrays, pairs: int, analysed: int) -> Pack:
     if unknown := set(arrays) - _MEMBERS:
-        msg = f"holds an unknown array {min(unknown)!r}"
+        msg = f"it holds an unknown array {min(unknown)!r}"
         raise ValueError(msg)
-    if "pairs" not in arrays or arrays["pairs"].shape != () or int(arrays["pairs"]) != pairs:
-        msg = f"is not of the data's {pairs:,} pairs"
+    count = arrays.get("pairs")
+    if count is None or count.shape != () or count.dtype.kind not in "iu" or int(count) != pairs:
+        msg = f"it is not of the data's {pairs:,} pairs"
         raise ValueError(msg)
     probability = arrays.get("probability")
     if probability is not None:
         check_answer({"probability": probability}, None, pairs)
     if "groups" not in arrays:
         if probability is None:
-            msg = "holds neither groups nor a probability"
+            msg = "it holds neither groups nor a probability"
             raise ValueError(msg)
         return Pack(np.asarray(probability >= 0.5), _dense_order(probability), probability, {}, None)
     analysis = {name: arrays[key] for name in ANALYSED if (key := f"analysis_{name}") in arrays}
@@ -140,10 +136,10 @@ def _unpacked(arrays: Arrays, pairs: int, analysed: int) -> Pack:
     slots = check_answer(analysis, groups, analysed)
     order, bits = arrays["order"], arrays["decision"]
     if order.shape != (pairs,) or order.dtype.kind != "u" or order.dtype.itemsize > 4:
-        msg = f"holds an order {order.dtype} {order.shape}, expected {pairs:,} whole numbers"
+        msg = f"it holds an order {order.dtype} {order.shape}, expected {pairs:,} whole numbers"
         raise ValueError(msg)
     if bits.shape != ((pairs + 7) // 8,) or bits.dtype != np.uint8:
-        msg = f"holds decisions {bits.dtype} {bits.shape}, expected the bits of {pairs:,} pairs"
+        msg = f"it holds decisions {bits.dtype} {bits.shape}, expected the bits of {pairs:,} pairs"
         raise ValueError(msg)
     decision = np.unpackbits(bits, count=pairs).astype(bool)
     return Pack(decision, order.astype(np.int64), probability, analysis, groups or metrics.one_group(slots))

@@ -1,6 +1,8 @@
 """Pieces that several pages of the site share: names of pages, chips, headers, cells of scores."""
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from eigenbench.errors import printable
@@ -26,6 +28,10 @@ BADGE_WORDS = {
     "re-run": "the model was run again and decided the same",
 }
 INDEX = "index.html"
+MARK = '<meta name="generator" content="eigenbench leaderboard">'
+"""What tells a page of a site from any other page: it stands in the head of each."""
+_PAGE_NAME = re.compile(r"entry-\d{5,7}\.html|task-[a-z0-9-]{1,40}\.html")
+_HEAD = 4096
 
 
 def task_page_name(task: str) -> str:
@@ -38,12 +44,26 @@ def entry_page_name(number: int) -> str:
     return f"entry-{number:05d}.html"
 
 
+def is_page(path: Path) -> bool:
+    """Say whether a file is a page of a site: a file of its own that carries the mark. OSError if it is unreadable."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return MARK.encode() in file.read(_HEAD)
+
+
+def is_page_name(name: str) -> bool:
+    """Say whether a file's name is that of a task's or an entry's page."""
+    return _PAGE_NAME.fullmatch(name) is not None
+
+
 def site_page(title: str, *body: object, head: str, scripts: tuple[str, ...] = ()) -> str:
     """Return a whole page of the site; `head` is the hash of the board's last record."""
     foot = tag("footer", tag("p", "Head of the chain: ", tag("code", head), class_="note"))
-    return page(
+    made = page(
         printable(title), tag("main", *body, id="main"), foot, scripts=scripts, styles=("page.css", "board.css")
     )
+    return made.replace("<head>", f"<head>{MARK}", 1)
 
 
 def header(title: str, eyebrow: object, *lines: object) -> Html:
@@ -90,7 +110,7 @@ def shown_if_sound(maker: Callable[[], Html | None]) -> Html | None:
     """Return what is made from a result, or say that it is of another form: nobody checked what it tells."""
     try:
         return maker()
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
+    except Exception:
         return tag("p", "A part of a result is of another form and cannot be shown.", class_="note")
 
 

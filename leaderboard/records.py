@@ -19,6 +19,9 @@ BOARD_VERSION = 1
 BADGES = ("self-reported", "rescored", "re-run")
 """What is known of an entry, the least first: its submitter says so, its numbers follow from its predictions, somebody
 else ran the model."""
+LEAST_EQUAL = 0.99
+"""Share of the decisions in which another run of the same model must agree to confirm an entry: machines round
+differently, which moves the pairs nearest to a model's boundary and no others."""
 MAX_SEEDS = 10
 _NAME, _LINE, _TEXT, _LINKS, _PARAMETERS = 80, 300, 2000, 8, 10**15
 _TASK_NAME = re.compile(r"[a-z0-9-]{1,40}")

@@ -14,7 +14,7 @@ from eigenbench.leaderboard.chain import MAX_PACK, REPLICATES, read_file
 from eigenbench.leaderboard.entry_page import entry_page
 from eigenbench.leaderboard.index_page import index_page
 from eigenbench.leaderboard.pack_scores import read_replicates
-from eigenbench.leaderboard.pieces import INDEX, entry_page_name, task_page_name
+from eigenbench.leaderboard.pieces import INDEX, entry_page_name, is_page, is_page_name, task_page_name
 from eigenbench.leaderboard.ranking import Rank, ranks
 from eigenbench.leaderboard.records import BADGES
 from eigenbench.leaderboard.standing import Entry, entries_of
@@ -92,13 +92,11 @@ def _by_model(entries: Sequence[Entry]) -> dict[tuple[str, str], list[Entry]]:
 
 def _written(folder: Path, pages: Mapping[str, str]) -> list[Path]:
     """Write the pages, and remove those of an older site that are not made any more."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / INDEX).is_file():
-        msg = f"{folder} holds something that is no site; choose another --out."
-        raise UsageError(msg)
     try:
+        _check_folder(folder, pages)
         folder.mkdir(parents=True, exist_ok=True)
-        for old in (*folder.glob("entry-*.html"), *folder.glob("task-*.html")):
-            if old.name not in pages:
+        for old in folder.iterdir():
+            if old.name not in pages and is_page_name(old.name) and is_page(old):
                 old.unlink()
         for name, content in pages.items():
             (folder / name).write_text(content, encoding="utf-8")
@@ -106,3 +104,20 @@ def _written(folder: Path, pages: Mapping[str, str]) -> list[Path]:
         msg = f"The site cannot be written to {folder}: {error.strerror}. Choose another --out."
         raise UsageError(msg) from error
     return [folder / name for name in pages]
+
+
+def _check_folder(folder: Path, pages: Mapping[str, str]) -> None:
+    """Refuse a folder that holds something but no site, and one where a page would replace a file that is none."""
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    if not is_page(folder / INDEX):
+        msg = (
+            f"{folder} holds something that is no site: no {INDEX} there carries the mark of a site, which those built "
+            "by an older eigenbench lack. Remove it, or choose another --out."
+        )
+        raise UsageError(msg)
+    for name in pages:
+        path = folder / name
+        if (path.exists() or path.is_symlink()) and not is_page(path):
+            msg = f"{path} is no page of a site and would be replaced by one. Move it away, or choose another --out."
+            raise UsageError(msg)

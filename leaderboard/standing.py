@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from eigenbench.leaderboard.chain import Link
-from eigenbench.leaderboard.records import BADGES, Record
+from eigenbench.leaderboard.records import BADGES, LEAST_EQUAL, Record
 
 _SEEDS = {1: "one seed", 2: "two seeds"}
 
@@ -45,12 +45,17 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """`withdrawn`, `refuted` (a challenge was upheld), `challenged` (one is open), or `ranked`."""
-        if self.withdrawn is not None:
-            return "withdrawn"
+        """`refuted` (a challenge was upheld), `withdrawn`, `challenged` (one is open), or `ranked`."""
         if any(answer is not None and answer.body["upheld"] for _, answer in self.challenges):
             return "refuted"
+        if self.withdrawn is not None:
+            return "withdrawn"
         return "challenged" if any(answer is None for _, answer in self.challenges) else "ranked"
+
+    @property
+    def released(self) -> bool:
+        """Whether its predictions may come again: it was withdrawn, and no challenge to it is open or upheld."""
+        return self.status == "withdrawn" and all(answer is not None for _, answer in self.challenges)
 
     @property
     def seeds(self) -> str:
@@ -61,22 +66,43 @@ class Entry:
 
 def entries_of(links: Sequence[Link]) -> list[Entry]:
     """Return the entries of a chain with all that concerns them; records that concern none are passed over."""
-    entries: dict[int, Entry] = {}
-    for link in links:
-        if not reference_fault(link.record.kind, link.record.body, entries):
-            _take(link, entries)
-    return list(entries.values())
+    after = [entries for _, _, entries in standings(links)]
+    return list(after[-1].values()) if after else []
 
 
-def reference_faults(links: Sequence[Link]) -> Iterator[tuple[int, str]]:
-    """Yield (number, fault) of records that concern no earlier entry or challenge, or one that is done with."""
+def standings(links: Sequence[Link]) -> Iterator[tuple[Link, str, dict[int, Entry]]]:
+    """Yield each record, its fault or empty, and the entries by number as they stand after it.
+
+    The entries are the same objects throughout, so they are to be looked at before the next record is asked for.
+    """
     entries: dict[int, Entry] = {}
     for link in links:
         fault = reference_fault(link.record.kind, link.record.body, entries)
-        if fault:
-            yield link.record.number, fault
-        else:
+        fault = fault or badge_fault(link.record.kind, link.record.body, entries)
+        if not fault:
             _take(link, entries)
+        yield link, fault, entries
+
+
+def reference_faults(links: Sequence[Link]) -> Iterator[tuple[int, str]]:
+    """Yield (number, fault) of records that concern no earlier entry or challenge, or one that is done with.
+
+    And of badges that do not say what their level demands.
+    """
+    return ((link.record.number, fault) for link, fault, _ in standings(links) if fault)
+
+
+def badge_fault(kind: str, body: dict[str, Any], entries: Mapping[int, Entry]) -> str:
+    """Say why a record is no proof that an entry of `entries` was run again, empty if it is, or does not say so."""
+    if kind != "badge" or body["badge"] != BADGES[-1]:
+        return ""
+    equal, runs = body["equal_decisions"], len(entries[body["entry"]].body["runs"])
+    if equal is None or not LEAST_EQUAL <= equal <= 1:
+        shown = "none" if equal is None else f"{equal:g}"
+        return f"it says '{BADGES[-1]}' with {shown} of the decisions equal; that takes {LEAST_EQUAL:g} to 1"
+    if len(body["predictions"]) != runs:
+        return f"it says '{BADGES[-1]}' with {len(body['predictions'])} other runs, the entry has {runs}"
+    return ""
 
 
 def reference_fault(kind: str, body: dict[str, Any], entries: Mapping[int, Entry]) -> str:

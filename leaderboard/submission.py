@@ -1,7 +1,7 @@
 """From run folders to entries of a board: checked, rescored, packed, appended."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -9,15 +9,25 @@ from typing import Any
 from eigenbench.dataset import load
 from eigenbench.errors import DataError, UsageError
 from eigenbench.leaderboard.answer_key import AnswerKey, find_tests, open_key
-from eigenbench.leaderboard.chain import MAX_PACK, REPLICATES, Link, append_record, pack_name, read_chain, result_name
+from eigenbench.leaderboard.chain import (
+    MAX_PACK,
+    REPLICATES,
+    Draft,
+    Link,
+    append_records,
+    largest_of,
+    pack_name,
+    read_chain,
+    result_name,
+)
+from eigenbench.leaderboard.duplicates import answers_of, check_not_there, one_twice
+from eigenbench.leaderboard.honesty import honesty_fault, result_faults
 from eigenbench.leaderboard.pack_scores import differs_from_result, replicates_bytes, run_seed, score_packs
 from eigenbench.leaderboard.packing import pack_bytes, pack_predictions, read_pack
 from eigenbench.leaderboard.records import MAX_SEEDS, check_body, sha256
-from eigenbench.leaderboard.standing import Entry, entries_of
-from eigenbench.results import RESULT, RESULT_VERSION, Run, load_run, read_run
+from eigenbench.leaderboard.standing import entries_of
+from eigenbench.results import RESULT, RESULT_VERSION, Run, load_run, read_run, read_safely
 
-_BINDING = ("honesty", "after the run")
-"""Words in the names of the checks that a run must not have failed."""
 _ISOLATION = ("none", "rlimits", "landlock", "bubblewrap")
 
 
@@ -54,22 +64,21 @@ def submit(
 ) -> list[Link]:
     """Append an entry for each task that the runs are of; several runs of one task are its seeds.
 
-    Every run is scored again, and its result must say the same. `data` are folders with the board's test splits.
+    Every run is scored again, and its result must say the same. `data` are folders with the board's test splits. The
+    entries of all tasks appear together, or none does.
 
     Raises
     ------
-    DataError : a run was changed, is on other data than the board's, failed a check of honesty, or has an earlier
-        entry's answers
-    UsageError : runs of one task are of different models or equal, or what is told of the model is no good
+    DataError : a run was changed, is on other data than the board's, failed a check of honesty, is too large, or has an
+        earlier entry's answers; or what is told of the model is no good
+    UsageError : runs of one task are of different models or equal, or another process appended meanwhile
     """
     links = read_chain(board)
-    splits = find_tests(data)
     groups = _grouped(runs)
+    _check_tasks(groups, links[0].record.body["data"])
+    splits = find_tests(data)
     # Everything is checked before anything is written, so that no half of a submission gets in.
-    made = [_entry(group, _key(group, links, splits), about, links) for group in groups]
-    for body, files in made:
-        links = [*links, append_record(board, links, "entry", body, files)]
-    return links[-len(made) :]
+    return append_records(board, links, [_entry(group, _key(group, links, splits), about, links) for group in groups])
 
 
 def _grouped(runs: Sequence[str | Path]) -> list[_Checked]:
@@ -90,12 +99,16 @@ def _task_of(folder: Path) -> str:
     return found
 
 
+def _check_tasks(groups: Sequence[_Checked], asked: Mapping[str, Any]) -> None:
+    for group in groups:
+        if group.task not in asked:
+            msg = f"{group.folders[0]} is on task {group.task}; the board is about {', '.join(asked)}."
+            raise DataError(msg)
+
+
 def _key(group: _Checked, links: list[Link], splits: dict[str, Path]) -> AnswerKey:
     """Open the data of a group's task; DataError unless board, split and every run agree on them."""
     board = links[0].record.body
-    if group.task not in board["data"]:
-        msg = f"{group.folders[0]} is on task {group.task}; the board is about {', '.join(board['data'])}."
-        raise DataError(msg)
     if group.task not in splits:
         msg = f"The test split of {group.task} is not at --data; pass the folder that holds it."
         raise DataError(msg)
@@ -129,41 +142,37 @@ def _read(folder: Path, key: AnswerKey, split: Path, board: dict[str, Any]) -> R
             "more of where the run comes from. Evaluate the model again."
         )
         raise DataError(msg)
-    _require_honest(folder, run)
+    if fault := honesty_fault(run.result):
+        msg = f"{folder} {fault}."
+        raise DataError(msg)
     return run
 
 
-def _require_honest(folder: Path, run: Run) -> None:
-    """Refuse a run without checks, and one whose lengths are not told alike beside other partners."""
-    checks = run.result.get("checks")
-    if not checks:
-        msg = f"{folder} has no checks; evaluate the model again without --no-checks."
-        raise DataError(msg)
-    failed = [c for c in checks if c["passed"] is False and any(word in c["name"] for word in _BINDING)]
-    if failed:
-        told = "; ".join(f"{check['name']}: {check['seen']}" for check in failed)
-        msg = f"{folder} did not pass what a board asks of lengths: {told}. See `eigenbench check`."
-        raise DataError(msg)
-
-
-def _entry(group: _Checked, key: AnswerKey, about: About, links: list[Link]) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return an entry's body and files."""
+def _entry(group: _Checked, key: AnswerKey, about: About, links: list[Link]) -> Draft:
+    """Return an entry with its files, checked against all that `verify` asks of one."""
     _check_seeds(group)
     files: dict[str, bytes] = {}
     rows, packs = [], []
     for k, (folder, run) in enumerate(zip(group.folders, group.runs, strict=True)):
         content = pack_bytes(pack_predictions(run.predictions, key.analysed))
         pack = read_pack(content, f"{folder}, packed", key.pairs, len(key.analysed))
-        for difference in differs_from_result(pack, key, run.result["scores"]):
-            msg = f"{folder / RESULT} was changed, or scored by another version: {difference}. Evaluate again."
-            raise DataError(msg)
+        with read_safely(f"{folder / RESULT} cannot be taken", "Evaluate the model again."):
+            for difference in differs_from_result(pack, key, run.result["scores"]):
+                msg = f"{folder / RESULT} was changed, or scored by another version: {difference}. Evaluate again."
+                raise DataError(msg)
+            files[result_name(k)] = json.dumps(run.result, indent=1, allow_nan=False).encode()
+            files[pack_name(k)] = content
+            rows.append(_run_row(run, files[result_name(k)], content))
         packs.append(pack)
-        files[result_name(k)] = json.dumps(run.result, indent=1, allow_nan=False).encode()
-        files[pack_name(k)] = content
-        rows.append(_run_row(run, files[result_name(k)], content))
-    _check_size(files, len(packs))
+    own = [answers_of(row["predictions"], pack) for row, pack in zip(rows, packs, strict=True)]
+    if same := one_twice(own):
+        first, second = (group.folders[k] for k in same)
+        msg = f"{second} and {first} have the same predictions; a seed counts once."
+        raise UsageError(msg)
     scores, replicates = score_packs(packs, key, run_seed([row["predictions"] for row in rows]))
     files[REPLICATES] = replicates_bytes(replicates)
+    _check_sizes(files, group.folders)
+    _check_results(group, scores)
     body = {
         "task": group.task,
         "model": {**asdict(about), "links": list(about.links)},
@@ -174,8 +183,8 @@ def _entry(group: _Checked, key: AnswerKey, about: About, links: list[Link]) -> 
         "scores": scores,
     }
     check_body("entry", body, "The entry")
-    check_not_there(body, entries_of(links))
-    return body, files
+    check_not_there(group.task, own, entries_of(links))
+    return Draft("entry", body, files)
 
 
 def _run_row(run: Run, result: bytes, pack: bytes) -> dict[str, Any]:
@@ -211,26 +220,31 @@ def _check_seeds(group: _Checked) -> None:
         seen[digest] = folder
 
 
-def _check_size(files: dict[str, bytes], runs: int) -> None:
-    size = sum(len(files[pack_name(k)]) for k in range(runs))
-    if size > MAX_PACK:
+def _check_sizes(files: Mapping[str, bytes], folders: Sequence[Path]) -> None:
+    """Refuse what `verify` would find too large on a board that only grows."""
+    for k, folder in enumerate(folders):
+        size, largest = len(files[result_name(k)]), largest_of(result_name(k))
+        if size > largest:
+            msg = (
+                f"{folder / RESULT} takes {size:,} bytes on a board, a result may take {largest:,}: something was "
+                "added to it. Evaluate the model again."
+            )
+            raise DataError(msg)
+    packed = sum(len(files[pack_name(k)]) for k in range(len(folders)))
+    if packed > MAX_PACK:
         msg = (
-            f"The packed predictions have {size:,} bytes, an entry takes {MAX_PACK:,}: give fewer than {runs} runs, or "
-            "float32 instead of float64, or fewer slots."
+            f"The packed predictions have {packed:,} bytes, an entry takes {MAX_PACK:,}: give fewer than "
+            f"{len(folders)} runs, or float32 instead of float64, or fewer slots."
         )
         raise UsageError(msg)
 
 
-def check_not_there(body: dict[str, Any], entries: Sequence[Entry]) -> None:
-    """Refuse an entry that has the predictions of an earlier one on its task, unless that was withdrawn; DataError."""
-    own = {run["predictions"] for run in body["runs"]}
-    for entry in entries:
-        if entry.task == body["task"] and entry.status != "withdrawn" and own & set(entry.predictions):
-            msg = (
-                f"Entry {entry.number} ('{entry.body['model']['name']}') has the same predictions on {entry.task}: it "
-                "is there already. An entry can be withdrawn first."
-            )
-            raise DataError(msg)
+def _check_results(group: _Checked, scores: Mapping[str, Any]) -> None:
+    for folder, run in zip(group.folders, group.runs, strict=True):
+        with read_safely(f"{folder / RESULT} cannot be taken", "Evaluate the model again."):
+            for fault in result_faults(run.result, scores):
+                msg = f"{folder / RESULT} {fault}. Evaluate the model again."
+                raise DataError(msg)
 
 
 def isolation_of(body: dict[str, Any]) -> str:

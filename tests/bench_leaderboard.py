@@ -2,7 +2,7 @@
 
     PYTHONPATH=tests python tests/bench_leaderboard.py --run runs/x --data data [--entries 1000] [--browser]
 
-The entries are copies of a real run's with other decisions, so their files have real sizes.
+The entries are copies of a real run's with other lengths, so their files have real sizes.
 """
 
 import argparse
@@ -10,14 +10,17 @@ import json
 import resource
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from eigenbench.frozen_subsets import ANALYSIS_PAIRS
 from eigenbench.leaderboard.audit import verify_board
 from eigenbench.leaderboard.boards import open_board, read_manifests
 from eigenbench.leaderboard.chain import RECORD, append_record, read_chain
 from eigenbench.leaderboard.pack_scores import replicates_bytes
+from eigenbench.leaderboard.packing import pack_bytes, read_pack
 from eigenbench.leaderboard.records import sha256
 from eigenbench.leaderboard.site import build_site
 from eigenbench.leaderboard.submission import About, submit
@@ -37,10 +40,11 @@ USABLE = """(() => {
 
 
 def fill(board: Path, count: int) -> None:
-    """Append copies of entry 1 that differ in their name, predictions, accuracy and replicates."""
+    """Append copies of entry 1 that differ in their name, the scale of their lengths, accuracy and replicates."""
     links = read_chain(board)
     first = links[1]
-    pack = (first.folder / "run-1.npz").read_bytes()
+    content = (first.folder / "run-1.npz").read_bytes()
+    pack = read_pack(content, "entry 1", first.record.body["data"]["pairs"], ANALYSIS_PAIRS)
     result = json.loads((first.folder / "run-1.json").read_text())
     rng = np.random.default_rng(0)
     shared = rng.normal(0, 0.004, 1000)
@@ -50,9 +54,11 @@ def fill(board: Path, count: int) -> None:
         digest = sha256(str(k).encode())
         own = json.dumps(result | {"predictions_digest": digest}, indent=1).encode()
         replicates = {name: value + shared + rng.normal(0, 0.003, 1000) for name in body["scores"]}
-        files = {"run-1.json": own, "run-1.npz": pack, "replicates.npz": replicates_bytes(replicates)}
+        scaled = {name: values * (1 + k * 1e-4) for name, values in pack.analysis.items()}
+        packed = pack_bytes(replace(pack, analysis=scaled))
+        files = {"run-1.json": own, "run-1.npz": packed, "replicates.npz": replicates_bytes(replicates)}
         body["model"] |= {"name": f"model number {k}", "parameters": k * 1000}
-        body["runs"][0] |= {"predictions": digest, "result": sha256(own)}
+        body["runs"][0] |= {"predictions": digest, "result": sha256(own), "pack": sha256(packed)}
         body["replicates"] = sha256(files["replicates.npz"])
         body["scores"]["accuracy"] = {"value": value, "low": value - 0.01, "high": value + 0.01, "deviation": None}
         links.append(append_record(board, links, "entry", body, files))

@@ -98,6 +98,27 @@ def replace_file(board: Path, number: int, name: str, content: bytes, change: di
     edit_record(board, number, change, mend=True)
 
 
+def put_result(board: Path, number: int, content: bytes) -> None:
+    """Replace the result of an entry's first run, with all digests mended."""
+    runs = body_of(board, number)["runs"]
+    runs[0]["result"] = sha256(content)
+    replace_file(board, number, "run-1.json", content, {"runs": runs})
+
+
+def put_pack(board: Path, number: int, content: bytes) -> None:
+    """Replace the pack of an entry's first run, with all digests mended."""
+    runs = body_of(board, number)["runs"]
+    runs[0]["pack"] = sha256(content)
+    replace_file(board, number, "run-1.npz", content, {"runs": runs})
+
+
+def result_of(board: Path, number: int) -> dict[str, Any]:
+    """Return the result of an entry's first run."""
+    found = json.loads((board / f"{number:05d}" / "run-1.json").read_text())
+    assert isinstance(found, dict)
+    return found
+
+
 def body_of(board: Path, number: int) -> dict[str, Any]:
     """Return a record's body."""
     found = json.loads((board / f"{number:05d}" / RECORD).read_text())["body"]

@@ -1,6 +1,7 @@
 """The commands of a board from its opening to its site, as a user types them."""
 
 import json
+import shutil
 from dataclasses import asdict
 
 import pytest
@@ -17,6 +18,7 @@ from eigenbench.leaderboard import ours
 from eigenbench.leaderboard.chain import read_chain
 from eigenbench.leaderboard.standing import entries_of
 from eigenbench.manifest import read_manifest
+from eigenbench.results import RESULT
 from eigenbench.tasks import TASKS
 
 
@@ -27,6 +29,14 @@ def typed(*arguments) -> str:
         raise done.exception
     assert done.exit_code == 0
     return done.output
+
+
+def run_again(run, folder):
+    """Return a copy of a run as another evaluation of the same model leaves it: the same answers, another time."""
+    shutil.copytree(run, folder)
+    path = folder / RESULT
+    path.write_text(path.read_text().replace('"model": 1.5', '"model": 1.75'))
+    return folder
 
 
 def test_from_opening_to_site(tmp_path, board_data, board_runs):
@@ -42,7 +52,7 @@ def test_from_opening_to_site(tmp_path, board_data, board_runs):
     assert (told[0]["entry"], told[0]["task"], told[0]["model"]["parameters"]) == (2, "sphere", 5)
     board_of = ("leaderboard", "badge", board, 1, "--badge")
     assert "record 3: badge of 1" in typed(*board_of, "rescored", "--by", "us", *data)
-    runs = ("--run", board_runs["seed-0"], "--run", board_runs["seed-1"])
+    runs = [part for k in range(2) for part in ("--run", run_again(board_runs[f"seed-{k}"], tmp_path / f"again-{k}"))]
     assert "record 4: badge of 1" in typed(*board_of, "re-run", "--by", "us", *runs, *data)
     why = ("--by", "reader", "--reason", "doubt")
     assert "record 5: challenge of 2" in typed("leaderboard", "challenge", board, 2, *why)

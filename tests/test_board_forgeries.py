@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from boarded import append_copy, body_of, edit_record, noisy, replace_file
+from boarded import append_copy, body_of, edit_record, noisy, put_pack, put_result, replace_file, result_of
 from typer.testing import CliRunner
 
 from eigenbench.cli import app
@@ -42,10 +42,7 @@ def test_altered_predictions(board, board_data):
 
 def test_altered_predictions_with_forged_digests(board, board_data):
     """With digests and chain mended the forgery is found by the scores, which then are not those of the predictions."""
-    content = better_pack(board_data)
-    runs = body_of(board, 2)["runs"]
-    runs[0]["pack"] = sha256(content)
-    replace_file(board, 2, "run-1.npz", content, {"runs": runs})
+    put_pack(board, 2, better_pack(board_data))
     assert faults(board) == []
     only(board, 2, "run 1: accuracy is 1 by its predictions", [board_data])
 
@@ -176,25 +173,23 @@ def test_another_data_version(board):
 
 
 def test_results_of_another_form(board, board_data):
-    """A result whose scores are nonsense cannot be scored again, and spoils no page but its own sections."""
-    for nonsense in (
-        ["no"],
-        {"accuracy": 3, "references": [1]},
-        {"reliability": {"bins": [1]}, "lengths": {"names": 7}},
-    ):
+    """A result whose parts are nonsense spoils no page but its own sections, and cannot be scored again."""
+    for nonsense in ({"references": [1]}, {"reliability": {"bins": [1]}, "lengths": {"names": 7}}, {"by_margin": "x"}):
         for number in (1, 2):
-            result = json.loads((board / f"{number:05d}" / "run-1.json").read_text()) | {"scores": nonsense}
-            content = json.dumps(result).encode()
-            runs = body_of(board, number)["runs"]
-            runs[0]["result"] = sha256(content)
-            replace_file(board, number, "run-1.json", content, {"runs": runs})
+            told = result_of(board, number)
+            put_result(board, number, json.dumps(told | {"scores": told["scores"] | nonsense}).encode())
         assert faults(board) == []
         assert (build_site(board, board.parent / "site")[0]).is_file()
-    edit = json.loads((board / "00001" / "run-1.json").read_text()) | {"scores": ["no"]}
-    runs = body_of(board, 1)["runs"]
-    runs[0]["result"] = sha256(json.dumps(edit).encode())
-    replace_file(board, 1, "run-1.json", json.dumps(edit).encode(), {"runs": runs})
-    only(board, 1, "it cannot be scored again", [board_data])
+    only(board, 1, "00001/run-1.json: it cannot be scored again", [board_data])
+
+
+@pytest.mark.parametrize("scores", [["no"], {}, {"accuracy": 3}, {"accuracy": {}}, None])
+def test_results_without_the_scores_of_their_entry(board, scores):
+    """A result must tell the headline numbers that its entry shows."""
+    put_result(board, 1, json.dumps(result_of(board, 1) | {"scores": scores}).encode())
+    only(board, 1, "run-1.json")
+    with pytest.raises(DataError, match="is not in order: record 1: run-1.json"):
+        build_site(board, board.parent / "site")
 
 
 def test_exit_codes(board, board_data):

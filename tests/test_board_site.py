@@ -95,14 +95,35 @@ def test_an_empty_board_has_a_site(board_data, tmp_path):
 
 
 def test_a_site_is_built_again(board, board_data, tmp_path):
-    """The same board gives the same bytes; pages of what is gone go; a folder of other things is left alone."""
+    """The same board gives the same bytes; pages of what is gone go; files and folders of other things stay."""
     first = {p.name: p.read_bytes() for p in build_site(board, tmp_path / "site")}
-    stale = tmp_path / "site" / "entry-00099.html"
-    stale.write_text("old")
+    site = tmp_path / "site"
+    stale = [site / "entry-00099.html", site / "task-mug.html"]
+    for path in stale:
+        path.write_bytes(first["index.html"])
+    mine = [site / name for name in ("entry-notes.html", "task-List.html", "entry-00098.html", "task-top.html")]
+    for path in mine:
+        path.write_text("mine")
+    (site / "entry-00097.html").symlink_to(site / "index.html")
     assert {p.name: p.read_bytes() for p in build_site(board, tmp_path / "site")} == first
-    assert not stale.exists()
+    assert not any(path.exists() for path in stale)
+    assert [path.read_text() for path in mine] == ["mine"] * 4
+    assert (site / "entry-00097.html").is_symlink()
     with pytest.raises(UsageError, match="holds something that is no site"):
         build_site(board, board_data)
     (board / "00001" / "run-1.npz").write_bytes(b"")
     with pytest.raises(DataError, match="is not in order: record 1: run-1.npz was altered"):
         build_site(board, tmp_path / "site")
+
+
+@pytest.mark.parametrize("kept", ["index.html", "entry-00001.html"])
+def test_what_is_no_site_is_left_alone(whole_board, tmp_path, kept):
+    """A folder with a first page of somebody else's is refused, so is a site where a page would replace his file."""
+    site = tmp_path / "site"
+    build_site(whole_board, site)
+    (site / kept).write_text("<html><head><title>mine</title></head></html>")
+    (site / "entry-00099.html").write_text("mine")
+    before = {p.name: p.read_bytes() for p in site.iterdir()}
+    with pytest.raises(UsageError, match=r"Remove it, or choose another --out|would be replaced by one\. Move it away"):
+        build_site(whole_board, site)
+    assert {p.name: p.read_bytes() for p in site.iterdir()} == before

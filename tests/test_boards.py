@@ -110,6 +110,8 @@ def test_what_is_told_of_a_model_is_checked(board, board_data, board_runs, about
     [
         (None, "has no checks; evaluate the model again without --no-checks"),
         ([], "has no checks"),
+        ([("order", True)], "has no check of honesty"),
+        ([("honesty: an object's lengths", 0)], "honesty: an object's lengths: 50.8%"),
         ([("honesty: an environment's lengths", False)], "asks of lengths: honesty: an environment's lengths: 50.8%"),
         ([("order", True), ("after the run: a fresh process", False)], "after the run: a fresh process: 50.8%"),
         ([("batch size: one pair at a time", False), ("honesty: an object's lengths", None)], None),
@@ -182,7 +184,7 @@ def test_badges_rise(board, board_data, board_runs, tmp_path):
     far = make_run(tmp_path / "far", tube, noisy(tube, 0.3, 1), model=model)
     with pytest.raises(DataError, match=r"decides \d+.\d+% of the pairs as run 1 does, less than 99%"):
         award_badge(board, 1, "re-run", "us", [board_data], [far])
-    near = make_run(tmp_path / "near", tube, noisy(tube, 0.01, vectors=True), model=model)
+    near = make_run(tmp_path / "near", tube, noisy(tube, 0.01, vectors=True), model=model, python="3.12")
     award_badge(board, 1, "re-run", "us", [board_data], [near])
     found = entry(board, 1)
     assert found.badge == "re-run"
