@@ -28,7 +28,7 @@ def bounding_box(task: str, place: Place) -> Result:
         msg = f"{EXAMPLE} is not in {Path.cwd()}; run the experiments in the root of a checkout of eigenbench."
         raise UsageError(msg)
     split = place.split(task, "test")
-    run = evaluated(EXAMPLE, split, place.runs / f"f-box-{task}", progress=place.progress)
+    run = evaluated(EXAMPLE, split, place.runs / f"f-box-{task}", place)
     return {"model": "bounding_box", "task": task, **summary(run, split)}
 
 

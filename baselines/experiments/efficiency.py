@@ -30,9 +30,9 @@ def curve(model: str, task: str, place: Place) -> Result:
         run / "model.py",
         place.split(task, "test"),
         place.runs / f"b-{model}-{task}",
+        place,
         options=OPTIONS,
         data_efficiency=asked,
-        progress=place.progress,
     )
     section = json.loads((out / RESULT).read_text(encoding="utf-8"))["data_efficiency"]
     found = [{name: size[name] for name in _KEPT if name in size} for size in section["sizes"]]

@@ -47,7 +47,7 @@ def from_scratch(builder: str, place: Place) -> Result:
     model = Path(f"{scratch.__file__}:{builder}")
     few = FewShot(place.split(TASK, "train"), draws_of(place))
     out = place.runs / f"c-direct-{builder}"
-    run = evaluated(model, place.split(TASK, "test"), out, few_shot=few, progress=place.progress)
+    run = evaluated(model, place.split(TASK, "test"), out, place, few_shot=few)
     section = json.loads((run / RESULT).read_text(encoding="utf-8"))["few_shot"]
     return {"model": "direct", "task": TASK, **scores_of(section)}
 
@@ -67,7 +67,7 @@ def masked(name: str, place: Place) -> Result:
     model = MODELS[name]
     run, split = place.runs / f"c-{model}-{TASK}", place.split(TASK, "test")
     train(model, TASK, place.data, run, schedule_of(model, place.quick), resume=True, progress=place.progress)
-    evaluation = evaluated(run / "model.py", split, run / "evaluation", progress=place.progress)
+    evaluation = evaluated(run / "model.py", split, run / "evaluation", place)
     plain = summary(evaluation, split)
     slots = [plain["lengths"].get(axis, {}).get("slot") for axis in TASKS[TASK].lengths]
     submission = load_model(run / WEIGHTS, TASKS[TASK])

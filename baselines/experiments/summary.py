@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eigenbench import metrics
 from eigenbench.accuracy import family, reference_decisions
+from eigenbench.baselines.experiments.row import Place
 from eigenbench.dataset import Dataset, load
 from eigenbench.evaluation import evaluate
 from eigenbench.intervals import Statistic, mean_over, resample
@@ -25,10 +26,13 @@ FEWEST = 100
 """Fewer pairs that test a length tell nothing of it."""
 
 
-def evaluated(model: Path, split: Path, out: Path, **options: Any) -> Path:
-    """Evaluate a submission on a split unless its run is there already, and return the run's folder."""
+def evaluated(model: Path, split: Path, out: Path, place: Place, **options: Any) -> Path:
+    """Evaluate a submission on a split unless its run is there already, and return the run's folder.
+
+    A quick row goes without the checks of honesty, which start two more processes.
+    """
     if not (out / RESULT).is_file():
-        evaluate(model, split, out, **options)
+        evaluate(model, split, out, checks=not place.quick, progress=place.progress, **options)
     return out
 
 

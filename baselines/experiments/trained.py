@@ -40,7 +40,7 @@ def train_row(model: str, task: str, place: Place, part: str = "a") -> Path:
 def trained(model: str, task: str, place: Place, part: str = "a") -> Result:
     """Train a model on a task, evaluate it in isolation, and return its row; planes are drawn beside the run."""
     run, split = train_row(model, task, place, part), place.split(task, "test")
-    found = summary(evaluated(run / "model.py", split, run / "evaluation", progress=place.progress), split)
+    found = summary(evaluated(run / "model.py", split, run / "evaluation", place), split)
     if model == "grounded":
         slots = range(find_task(task).slots)
         draw_tasks(load_model(run / WEIGHTS, find_task(task)), {split: slots}, run / "groundings.svg")
