@@ -9,7 +9,7 @@ import time
 import torch
 
 from eigenbench.baselines.direct import Direct
-from eigenbench.baselines.fast_points import has_bf16_units
+from eigenbench.baselines.fast_points import has_bf16_units, has_fast_bf16
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.learner import products_in
@@ -48,7 +48,8 @@ def main() -> None:
     All take steps in turn, so that whatever else the machine does slows them alike.
     """
     torch.set_flush_denormal(True)
-    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, bf16 units: {has_bf16_units()}")
+    units = f"bf16 units: {has_bf16_units()}, fast bf16: {has_fast_bf16()}"
+    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, {units}")
     few = Schedule().points
     for model in (Implicit, Direct, Grounded):
         plain, fast = Steps(model, "plain"), Steps(model, "fast")

@@ -6,12 +6,14 @@ from dataclasses import replace
 import pytest
 
 import eigenbench
-from eigenbench.baselines.experiments import ceilings, trained
+from eigenbench.baselines.experiments import ceilings, efficiency, trained
 from eigenbench.baselines.experiments.registry import ROWS
 from eigenbench.baselines.experiments.row import Place, read_rows, rounded, write_row
 from eigenbench.baselines.experiments.table import table
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.errors import DataError, UsageError
+from eigenbench.evaluation import evaluate
+from eigenbench.learning import DataEfficiency
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,23 @@ def test_trained_row_and_its_line_of_the_table(place, tmp_path):
     assert "| tube | grounded |" in shown
     assert "not published" in shown
     assert "Data efficiency" not in shown
+
+
+def test_curve_is_that_of_a_trained_run(place, monkeypatch):
+    """Part b fits untrained weights; the curve is what `evaluate` makes of a run that is trained already."""
+    monkeypatch.setattr(efficiency, "QUICK_SIZES", (8, 40))
+    monkeypatch.setattr(efficiency, "schedule_of", trained.schedule_of)
+    row = efficiency.curve("grounded", "tube", place)
+    assert [one["pairs"] for one in row["sizes"]] == [8, 40]
+    run = trained.train_row("grounded", "tube", place) / "model.py"
+    asked = DataEfficiency(place.split("tube", "train"), (8, 40))
+    again = evaluate(run, place.split("tube", "test"), place.runs / "again", data_efficiency=asked, checks=False)
+    told = again.result["data_efficiency"]
+    assert row["area"] == told["area"]
+    for ours, theirs in zip(row["sizes"], told["sizes"], strict=True):
+        assert all(ours[name] == theirs[name] for name in ("accuracy", "matched_r2", "angle_degrees"))
+    monkeypatch.setattr("eigenbench.baselines.experiments.summary.evaluate", lambda *_, **__: pytest.fail("again"))
+    assert efficiency.curve("grounded", "tube", place) == row
 
 
 def test_missing_data_names_the_command(place):
