@@ -30,7 +30,7 @@ class Lifted(torch.autograd.Function):
         made = points.new_empty(len(points), len(weight))
         total, squares = torch.zeros_like(shift), shift.new_zeros(len(shift), len(shift))
         for some, place in zip(_parts(points), _parts(made), strict=True):
-            functional.leaky_relu_(torch.addmm(shift, some, weight.t(), out=place), SLOPE)
+            functional.leaky_relu_(sum_with_product(shift, some, weight.t(), place), SLOPE)
             if moments:
                 total += place.sum(0)
                 squares.addmm_(place.t(), place)
@@ -54,10 +54,10 @@ class Lifted(torch.autograd.Function):
             if of_made is not None:
                 pull += of_made[start:end]
             torch.ops.aten.leaky_relu_backward.grad_input(pull, place, SLOPE, True, grad_input=pull)
-            of_weight.addmm_(pull.t(), some)
+            sum_with_product(of_weight, pull.t(), some, of_weight)
             of_shift += pull.sum(0)
             if of_points is not None:
-                torch.mm(pull, weight, out=of_points[start:end])
+                of_points[start:end] = product(pull, weight)
             start = end
         return of_points, of_weight, of_shift, None
 
@@ -75,6 +75,51 @@ def _parts(rows: Tensor) -> tuple[Tensor, ...]:
     """Return the rows a part at a time; on a GPU all at once."""
     found: tuple[Tensor, ...] = rows.split(len(rows) if rows.is_cuda else PART)
     return found
+
+
+class Product(torch.autograd.Function):
+    """The product of two matrices and its gradients, each as `product` makes them."""
+
+    @staticmethod
+    def forward(ctx: FunctionCtx, a: Tensor, b: Tensor) -> Tensor:
+        """Return a b, (P, C), of matrices (P, K) and (K, C)."""
+        ctx.save_for_backward(a, b)
+        return product(a, b).to(a.dtype)
+
+    @staticmethod
+    def backward(ctx: FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the gradients of both."""
+        a, b = ctx.saved_tensors
+        return product(gradient, b.t()).to(a.dtype), product(a.t(), gradient).to(b.dtype)
+
+
+def multiplied(a: Tensor, b: Tensor) -> Tensor:
+    """Return a b, (P, C), of matrices (P, K) and (K, C), with gradients; made as `product` makes them."""
+    made: Tensor = Product.apply(a, b)
+    return made
+
+
+def product(a: Tensor, b: Tensor) -> Tensor:
+    """Return a b, of type bf16 where products are to be made so and torch would not do it of itself."""
+    return a.bfloat16() @ b.bfloat16() if in_halves(a) else a @ b
+
+
+def sum_with_product(start: Tensor, a: Tensor, b: Tensor, out: Tensor) -> Tensor:
+    """Write start + a b into `out`, which may be `start`, and return it."""
+    if not in_halves(a):
+        return torch.addmm(start, a, b, out=out)
+    if out is start:
+        return out.add_(product(a, b))
+    return out.copy_(product(a, b)).add_(start)
+
+
+def in_halves(a: Tensor) -> bool:
+    """Say whether products of such matrices are asked for in bf16 (`learner.products_in`) and must be made so by hand.
+
+    With AMX torch makes them itself; it does not with AVX-512 alone.
+    """
+    wanted = a.dtype == torch.float32 and not a.is_cuda and torch.get_float32_matmul_precision() == "medium"
+    return wanted and has_fast_bf16() and not has_bf16_units()
 
 
 def largest_product(points: Tensor, weight: Tensor, shift: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eigenbench.baselines.fast_points import SLOPE
+from eigenbench.baselines.fast_points import SLOPE, multiplied
 from eigenbench.baselines.layers import HIDDEN, cross_entropy, groups_of, head, log_success
 from eigenbench.baselines.pointnet import WIDTHS, Form, PointLayer, PointNet, moments_of, through
 from eigenbench.tasks import TaskSpec
@@ -42,7 +42,8 @@ class WeightNet(nn.Module):
         """Return (B, 2S, N), positive and of sum 1 over the points, of clouds (B, N, 3)."""
         batch, count, _ = cloud.shape
         whole, each = self.backbone.with_points(cloud)
-        mixed = self.mix_point(each) + self.mix_global(whole)[:, None]
+        by_point = multiplied(each.view(batch * count, -1), self.mix_point.weight.t())
+        mixed = by_point.view(batch, count, -1) + self.mix_global(whole)[:, None]
         mixed = functional.leaky_relu(self.norm(mixed.view(batch * count, -1)), SLOPE)
         shared = self.shared(mixed)
         if self.backbone.form == "plain":

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eigenbench.baselines.fast_points import SLOPE, Lifted, largest_product
+from eigenbench.baselines.fast_points import SLOPE, Lifted, largest_product, multiplied
 
 Form = Literal["plain", "fast"]
 Moments = tuple[Tensor, Tensor]
@@ -37,7 +37,7 @@ class PointLayer(nn.Module):
 
     def forward(self, points: Tensor) -> Tensor:
         """Return (P, out) features of points (P, in), the plain way."""
-        return functional.leaky_relu(self.norm(self.linear(points)), SLOPE)
+        return functional.leaky_relu(self.norm(multiplied(points, self.linear.weight.t())), SLOPE)
 
     def folded(self, moments: Moments | None, count: int) -> tuple[Tensor, Tensor]:
         """Return weights (out, in) and shift (out,) that do product and batch norm in one.

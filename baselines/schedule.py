@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from eigenbench.baselines.fast_points import has_bf16_units
+from eigenbench.baselines.fast_points import has_fast_bf16
 from eigenbench.baselines.pointnet import FORMS
 from eigenbench.errors import UsageError, choose
 from eigenbench.shard_format import POINTS
@@ -37,7 +37,7 @@ class Schedule:
         0 shows them as they are. No label changes by it, see `symmetry`
     tau_speed : learning rate of log tau, in those of the rest: Adam moves it by about one rate a batch, too little for
         lengths in metres within some thousand batches
-    precision : of the products of matrices, "float32", or "bf16" where the processor has units for it
+    precision : of the products of matrices, "float32", or "bf16" where the processor is faster at it
     """
 
     epochs: int = 3
@@ -52,7 +52,7 @@ class Schedule:
     tau_speed: float = 10.0
     seed: int = 0
     form: str = "fast"
-    precision: str = "bf16" if has_bf16_units() else "float32"
+    precision: str = "bf16" if has_fast_bf16() else "float32"
 
     def __post_init__(self) -> None:
         """Refuse what cannot be trained."""

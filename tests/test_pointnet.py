@@ -5,13 +5,15 @@ import copy
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional
 
 from eigenbench.baselines.compiled import first_largest
 from eigenbench.baselines.direct import Direct
-from eigenbench.baselines.fast_points import Lifted, ProductsAt, winners
+from eigenbench.baselines.fast_points import Lifted, ProductsAt, in_halves, multiplied, sum_with_product, winners
 from eigenbench.baselines.grounded import Grounded, projected_lengths
 from eigenbench.baselines.implicit import Implicit
 from eigenbench.baselines.layers import log_success
+from eigenbench.baselines.learner import products_in
 from eigenbench.baselines.pointnet import PointNet
 from eigenbench.tasks import TASKS
 
@@ -93,6 +95,52 @@ def test_winners_lose_no_more_than_the_bound(monkeypatch, fast):
     assert (found <= largest + 1e-12).all()
     assert (largest - found <= bound).all()
     assert (found == largest).double().mean() > (0.7 if fast else 0.99)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_products_are_within_their_rounding(monkeypatch, by_hand):
+    """In bf16 by hand, values and gradients within 3 roundings of the terms' magnitudes; else those of torch."""
+    monkeypatch.setattr("eigenbench.baselines.fast_points.in_halves", lambda _: by_hand)
+    draw = torch.Generator().manual_seed(6)
+    a, b, pull = (torch.randn(s, generator=draw, requires_grad=True) for s in ((70, 30), (30, 20), (70, 20)))
+    made = multiplied(a, b)
+    made.backward(pull.detach())
+    started = sum_with_product(torch.ones(20), a.detach(), b.detach(), torch.empty(70, 20)) - 1
+    cases = ((made, a, b), (started, a, b), (a.grad, pull, b.t()), (b.grad, a.t(), pull))
+    for found, left, right in cases:
+        exact, terms = left.double() @ right.double(), left.abs().double() @ right.abs().double()
+        assert found.dtype == torch.float32
+        error = (found - exact).abs()
+        assert (error <= (3 * 2**-9 + 1e-6 if by_hand else 1e-6) * terms).all()
+        assert (error > 1e-5).any() == by_hand
+
+
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
+def test_products_are_made_by_hand_only_where_torch_would_not(monkeypatch, precision):
+    """Asked for, on a CPU that is faster at it, and without the units by which torch makes them itself."""
+    rows = torch.zeros(2, 2)
+    for fast, units in ((True, False), (True, True), (False, False)):
+        monkeypatch.setattr("eigenbench.baselines.fast_points.has_fast_bf16", lambda fast=fast: fast)
+        monkeypatch.setattr("eigenbench.baselines.fast_points.has_bf16_units", lambda units=units: units)
+        with products_in(precision):
+            assert in_halves(rows) == (precision == "bf16" and fast and not units)
+            assert not in_halves(rows.double())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_step_in_bf16_stays_near(monkeypatch, model):
+    """A step with products in bf16 by hand has a loss within a hundredth of the exact one, and pulls the same way."""
+    monkeypatch.setattr("eigenbench.baselines.fast_points.in_halves", lambda a: a.dtype == torch.float32)
+    fast, plain = forms(lambda: model(TASKS["tube"]), torch.float32)
+    env, obj, label = clouds(dtype=torch.float32), clouds(seed=1, dtype=torch.float32), torch.arange(6) % 2 == 0
+    exact = copy.deepcopy(plain).double()
+    losses = fast.loss(env, obj, label), exact.loss(env.double(), obj.double(), label)
+    assert losses[0].item() == pytest.approx(losses[1].item(), rel=1e-2)
+    pulls = []
+    for net, loss in zip((fast, exact), losses, strict=True):
+        loss.backward()
+        pulls.append(torch.cat([p.grad.double().flatten() for p in net.parameters()]))
+    assert functional.cosine_similarity(*pulls, dim=0) > 0.9
 
 
 @pytest.mark.parametrize("kind", [torch.bfloat16, torch.float32])
