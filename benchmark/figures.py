@@ -41,7 +41,7 @@ def paper_style() -> Iterator[None]:
     try:
         import matplotlib as mpl
     except ImportError as error:
-        msg = "Figures need matplotlib: `pip install eigenbench[report]`. The tables need it not: pass --tables-only."
+        msg = "Figures need matplotlib: `pip install eigenbench[report]`. `export --tables-only` needs it not."
         raise UsageError(msg) from error
     with mpl.rc_context(_STYLE):
         yield

@@ -9,7 +9,7 @@ import eigenbench
 from eigenbench.baselines.experiments import ceilings, efficiency, trained
 from eigenbench.baselines.experiments.registry import ROWS
 from eigenbench.baselines.experiments.row import Place, read_rows, rounded, write_row
-from eigenbench.baselines.experiments.table import table
+from eigenbench.baselines.experiments.table import table, write_document
 from eigenbench.baselines.schedule import Schedule
 from eigenbench.errors import DataError, UsageError
 from eigenbench.evaluation import evaluate
@@ -87,6 +87,28 @@ def test_curve_is_that_of_a_trained_run(place, monkeypatch):
         assert all(ours[name] == theirs[name] for name in ("accuracy", "matched_r2", "angle_degrees"))
     monkeypatch.setattr("eigenbench.baselines.experiments.summary.evaluate", lambda *_, **__: pytest.fail("again"))
     assert efficiency.curve("grounded", "tube", place) == row
+
+
+def test_document_shows_the_curves_that_are_there(tmp_path):
+    """Rows of part b are drawn beside the document, the same bytes each time; without them there is no picture."""
+    sizes = [
+        {"pairs": n, "accuracy": {"value": 0.5 + n / 1e5, "low": 0.4, "high": 0.9}, "angle_degrees": angle}
+        for n, angle in ((300, {"value": None, "low": None, "high": None}), (1000, {"value": 9, "low": 8, "high": 11}))
+    ]
+    grounded = {"model": "grounded", "task": "tube", "sizes": sizes, "chance_degrees": 57.3}
+    direct = grounded | {"model": "direct", "sizes": [{k: s[k] for k in ("pairs", "accuracy")} for s in sizes]}
+    rows = {"b-grounded-tube": grounded, "b-direct-tube": direct}
+    document, picture = tmp_path / "results.md", tmp_path / "efficiency.svg"
+    write_document({}, "", document)
+    assert "efficiency.svg" not in document.read_text()
+    assert not picture.exists()
+    write_document(rows, "", document)
+    assert "(efficiency.svg)" in document.read_text()
+    drawn = picture.read_bytes()
+    for word in (b"tube", b"grounded", b"direct", b"chance", b"1k"):
+        assert word in drawn
+    write_document(rows, "", document)
+    assert picture.read_bytes() == drawn
 
 
 def test_missing_data_names_the_command(place):

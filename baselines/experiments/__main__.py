@@ -9,10 +9,9 @@ import typer
 
 from eigenbench.baselines.experiments.registry import ROWS
 from eigenbench.baselines.experiments.row import Place, read_rows, write_row
-from eigenbench.baselines.experiments.table import table
+from eigenbench.baselines.experiments.table import write_document
 from eigenbench.console import progress_on
 from eigenbench.errors import EigenbenchError, choose, printable
-from eigenbench.shards import write_text_atomically
 
 RESULTS = Path("docs") / "results"
 NOTES = "notes.md"
@@ -41,7 +40,7 @@ def main(
         path = folder.with_suffix(".md")
         notes = folder / NOTES
         told = notes.read_text(encoding="utf-8") if notes.is_file() else ""
-        write_text_atomically(path, table(read_rows(folder / "rows"), told))
+        write_document(read_rows(folder / "rows"), told, path)
         print(f"table: {path}")
         return
     place_runs = runs / "quick" if quick else runs

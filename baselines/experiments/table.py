@@ -1,12 +1,15 @@
 """docs/results.md: every row that is there, beside what the paper states."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from eigenbench.baselines.experiments.cells import lines_of, number, percent
+from eigenbench.baselines.experiments.curves import draw_curves
 from eigenbench.baselines.experiments.new_tasks import new_tasks
 from eigenbench.baselines.experiments.paper import NOT_PUBLISHED, STATED
 from eigenbench.baselines.experiments.row import Result
+from eigenbench.shards import write_text_atomically
 
 Rows = Mapping[str, Result]
 _HEAD = """# Results
@@ -18,20 +21,32 @@ task, and R2 in figures alone: those are "not published" here.
 """
 
 
+CURVES = "efficiency.svg"
+"""The drawing of part b, beside the document."""
+
+
 def table(rows: Rows, notes: str = "") -> str:
     """Return the document: what it is, what was written about it by hand, the tables."""
     sections = (_accuracies(rows), _lengths(rows), _efficiency(rows), *new_tasks(rows))
     return "\n".join([_HEAD, *filter(None, [notes]), *("\n".join(lines) + "\n" for lines in sections if lines)])
 
 
-def _part(rows: Rows, *parts: str) -> list[Result]:
+def write_document(rows: Rows, notes: str, path: Path) -> None:
+    """Write the document, and beside it the curves that it shows; UsageError where they need matplotlib."""
+    if curves := part(rows, "b"):
+        draw_curves(curves, path.with_name(CURVES))
+    write_text_atomically(path, table(rows, notes))
+
+
+def part(rows: Rows, *parts: str) -> list[Result]:
+    """Return the rows of some parts of the table."""
     return [row for name, row in rows.items() if name.partition("-")[0] in parts]
 
 
 def _accuracies(rows: Rows) -> list[str]:
     columns = ("task", "model", "accuracy, %", "clear, %", "exact measurer", "clear", "batches", "paper")
     order = ("oracle", "implicit", "grounded", "direct", "bounding_box")
-    found = sorted(_part(rows, "a", "f"), key=lambda r: (r["task"], order.index(r["model"])))
+    found = sorted(part(rows, "a", "f"), key=lambda r: (r["task"], order.index(r["model"])))
     cells = [
         (
             row["task"],
@@ -72,7 +87,7 @@ def _lengths(rows: Rows) -> list[str]:
         "angle",
     )
     cells = []
-    for row in sorted(_part(rows, "a"), key=lambda r: (r["task"], r["model"])):
+    for row in sorted(part(rows, "a"), key=lambda r: (r["task"], r["model"])):
         lengths: dict[str, Any] = row.get("lengths") or {}
         for name, one in lengths.items():
             r2 = [number(one.get(f"{key}_r2")) for key in ("env", "obj", "env_log", "obj_log", "tested_log")]
@@ -102,9 +117,10 @@ def _efficiency(rows: Rows) -> list[str]:
             number(size.get("matched_r2")),
             number(size.get("angle_degrees"), 1, 2),
         )
-        for row in _part(rows, "b")
+        for row in part(rows, "b")
         for size in row["sizes"]
     ]
-    chance = next((f"{row['chance_degrees']:.1f}" for row in _part(rows, "b")), "")
+    chance = next((f"{row['chance_degrees']:.1f}" for row in part(rows, "b")), "")
     text = f"The paper: {STATED['data efficiency']}. A random direction is {chance} degrees off on average."
-    return lines_of("Data efficiency (b)", text, columns, cells)
+    picture = f"![Accuracy and angle by training pairs]({CURVES})"
+    return lines_of("Data efficiency (b)", f"{text}\n\n{picture}", columns, cells)
