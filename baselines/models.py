@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from eigenbench.baselines.canonical import Canonical
 from eigenbench.baselines.direct import Direct
 from eigenbench.baselines.grounded import Grounded
 from eigenbench.baselines.implicit import Implicit
@@ -23,6 +24,7 @@ MODELS: dict[str, Any] = {
     "implicit": Implicit,
     "direct": Direct,
     "grounded": Grounded,
+    "canonical": Canonical,
     "masked": Masked,
     "masked-grounded": MaskedGrounded,
 }

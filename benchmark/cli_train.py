@@ -11,7 +11,7 @@ from eigenbench.errors import ModelError, printable
 
 
 def train(
-    model: Annotated[str, typer.Option(help="implicit, direct, grounded, masked or masked-grounded.")],
+    model: Annotated[str, typer.Option(help="implicit, direct, grounded, canonical, masked or masked-grounded.")],
     task: Annotated[str, typer.Option(help="The task to learn.")],
     data: Annotated[Path, typer.Option(help="The train split, or the folder of `generate`.")] = Path("data"),
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/train-<model>-<task>-<seed>.")] = None,

@@ -1,5 +1,6 @@
 """The main plots of a report as matplotlib figures, for papers: black text on white, one column wide."""
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -62,11 +63,22 @@ def figures_of(source: Source, tables: dict[str, Table]) -> Iterator[tuple[str, 
         yield "reliability", _reliability(source)
 
 
-def _new(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple["Figure", NDArray[Any]]:
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple["Figure", NDArray[Any]]:
+    """Return a figure of some inches and its panels (rows, columns)."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height))
     return figure, np.asarray(figure.subplots(rows, columns, squeeze=False))
+
+
+def svg_of(figure: "Figure", salt: str) -> str:
+    """Return a figure as SVG, its words as text; the same figure and salt give the same bytes."""
+    import matplotlib as mpl
+
+    drawn = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
+        figure.savefig(drawn, format="svg", metadata={"Date": None})
+    return drawn.getvalue()
 
 
 def _spans(intervals: list[Interval | None]) -> tuple[list[float], NDArray[np.float64]]:
@@ -84,7 +96,7 @@ def _intervals(table: Table, column: int) -> list[Interval | None]:
 
 
 def _references(table: Table) -> "Figure":
-    figure, axes = _new(WIDTH, 0.3 * len(table.rows) + 0.45)
+    figure, axes = new_figure(WIDTH, 0.3 * len(table.rows) + 0.45)
     ax = axes[0, 0]
     values, spans = _spans(_intervals(table, 1))
     for k, (value, low, high) in enumerate(zip(values, *spans, strict=True)):
@@ -97,7 +109,7 @@ def _references(table: Table) -> "Figure":
 
 
 def _margins(table: Table) -> "Figure":
-    figure, axes = _new(WIDTH, 2.2)
+    figure, axes = new_figure(WIDTH, 2.2)
     ax = axes[0, 0]
     series = ((2, "model", _MODEL, "o"), (3, "exact measurer", _GREY, "D"))
     for shift, (column, name, colour, marker) in zip((-0.07, 0.07), series, strict=True):
@@ -125,7 +137,7 @@ def _heat_map(source: Source, side: str) -> "Figure":
     lengths = source.scores["lengths"]
     matrix, names = np.array(lengths["all_pairs"][f"{side}_r2"]), lengths["names"]
     matched = {(slot, names.index(name)) for name, slot in matched_slots(source.scores).items()}
-    figure, axes = _new(0.62 * len(names) + 1.1, 0.36 * len(matrix) + 0.7)
+    figure, axes = new_figure(0.62 * len(names) + 1.1, 0.36 * len(matrix) + 0.7)
     ax = axes[0, 0]
     ax.imshow(matrix, cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     for (slot, k), value in np.ndenumerate(matrix):
@@ -148,7 +160,7 @@ def _scatter(source: Source) -> "Figure":
     """Draw the matched slots of both sides: predicted against true."""
     slots = matched_slots(source.scores)
     rows = sample_rows(source, SCATTER_PAIRS)
-    figure, axes = _new(1.6 * len(slots) + 0.2, 3.2, 2, len(slots))
+    figure, axes = new_figure(1.6 * len(slots) + 0.2, 3.2, 2, len(slots))
     for row, (side, words) in enumerate(_SIDES.items()):
         for column, (name, slot) in enumerate(slots.items()):
             ax: Axes = axes[row, column]
@@ -161,7 +173,7 @@ def _scatter(source: Source) -> "Figure":
 
 def _angles(source: Source) -> "Figure":
     found = angle_histograms(source)
-    figure, axes = _new(1.7 * len(found) + 0.2, 1.7, 1, len(found))
+    figure, axes = new_figure(1.7 * len(found) + 0.2, 1.7, 1, len(found))
     for ax, a in zip(axes[0], found, strict=True):
         ax.stairs(a.counts, a.edges, fill=True, color=_MODEL, alpha=0.8)
         ax.stairs(a.expected, a.edges, color=_INK, linestyle="--", linewidth=0.8, label="chance")
@@ -173,7 +185,7 @@ def _angles(source: Source) -> "Figure":
 
 
 def _reliability(source: Source) -> "Figure":
-    figure, axes = _new(0.75 * WIDTH, 0.75 * WIDTH)
+    figure, axes = new_figure(0.75 * WIDTH, 0.75 * WIDTH)
     bins, ax = reliability(source), axes[0, 0]
     if bins is not None:
         known = bins.counts > 0

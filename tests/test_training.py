@@ -69,7 +69,7 @@ def test_finished_run_is_not_trained_again(small, trained):
     assert (other / "model.safetensors").read_bytes() != before
 
 
-@pytest.mark.parametrize("model", ["implicit", "direct", "grounded"])
+@pytest.mark.parametrize("model", ["implicit", "direct", "grounded", "canonical"])
 def test_run_folder_is_a_submission(small, few, trained, tmp_path, model):
     """Evaluated in isolation, each model passes the checks, and its run says what its own weights say."""
     run = trained if model == "implicit" else train(model, "tube", small, tmp_path / model, SHORT)

@@ -1,18 +1,14 @@
 """The curves of part b as one SVG: accuracy, and the angle to the true directions, by training pairs."""
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eigenbench.baselines.experiments.row import Result
-from eigenbench.figures import paper_style
+from eigenbench.figures import new_figure, paper_style, svg_of
 from eigenbench.shards import write_text_atomically
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLOURS = {"grounded": "#1f5fa8", "direct": "#b7791f"}
 _CHANCE = "#7a848e"
@@ -27,11 +23,7 @@ def draw_curves(rows: Sequence[Result], path: Path) -> None:
     """
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     with paper_style():
-        import matplotlib as mpl
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(_WIDTH * len(tasks), 2 * _HEIGHT))
-        panels = figure.subplots(2, len(tasks), squeeze=False, sharex=True)
+        figure, panels = new_figure(_WIDTH * len(tasks), 2 * _HEIGHT, 2, len(tasks))
         for task, (above, below) in zip(tasks, panels.T, strict=True):
             own = [row for row in rows if row["task"] == task]
             above.set_title(task)
@@ -45,13 +37,10 @@ def draw_curves(rows: Sequence[Result], path: Path) -> None:
                 panel.legend(loc="best")
         panels[0, 0].set_ylabel("accuracy, %")
         panels[1, 0].set_ylabel("angle, degrees")
-        drawn = io.StringIO()
-        with mpl.rc_context({"svg.hashsalt": path.stem, "svg.fonttype": "none"}):
-            figure.savefig(drawn, format="svg", metadata={"Date": None})
-    write_text_atomically(path, drawn.getvalue())
+        write_text_atomically(path, svg_of(figure, path.stem))
 
 
-def _curves(panel: "Axes", rows: Sequence[Result], score: str, times: float) -> None:
+def _curves(panel: Any, rows: Sequence[Result], score: str, times: float) -> None:
     """Draw a score of each model with its intervals; a model without it has no curve."""
     sizes = sorted({size["pairs"] for row in rows for size in row["sizes"]})
     panel.set_xscale("log")

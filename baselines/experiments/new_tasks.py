@@ -64,8 +64,8 @@ def _rotations(rows: Rows) -> list[str]:
     for row in rows.values():
         rules = (row["rotation"] or {}).get("rules", {})
         errors = [number(rules[rule]["mean_degrees"] if rules else None, 1, 2) for rule in RULES]
-        paper = ROTATION_DEGREES.get(row["task"])
-        cells.append((row["title"], percent(row["accuracy"]), *errors, "-" if paper is None else f"{paper:.2f}"))
+        paper = ROTATION_DEGREES.get(row["task"]) if row["model"] == "grounded" else None
+        cells.append((row["title"], percent(row.get("accuracy")), *errors, "-" if paper is None else f"{paper:.2f}"))
     text = (
         "Mean error in degrees of the rotation between two turned scenes, told by the vectors: matched as they are, as "
         "leaves the least residual, or as comes nearest to the truth. Chance is 126.5, 126.5 and 40.7 degrees. The "

@@ -19,31 +19,36 @@ GROUNDED_TASKS = ("tube", "fit", "top")
 EPOCHS = {"fit": 4, "top": 3, "multitube": 4, "tube-rotated": 6, "fit-rotated": 6}
 EASY_EPOCHS = 2
 """Of the other tasks: cavities and countertops are harder to find than walls."""
-MINUTES_AN_EPOCH = {"implicit": 3.5, "direct": 3.5, "grounded": 6.0}
+MINUTES_AN_EPOCH = {"implicit": 3.5, "direct": 3.5, "grounded": 6.0, "canonical": 6.0}
 
 
-def schedule_of(task: str, quick: bool) -> Schedule:
+def schedule_of(task: str, quick: bool, model: str = "grounded") -> Schedule:
     """Return how a row is trained."""
     base = Schedule()
     if quick:
         return replace(base, epochs=1, batches=25)
-    return replace(base, epochs=EPOCHS.get(task, EASY_EPOCHS))
+    return replace(base, epochs=epochs_of(model, task))
+
+
+def epochs_of(model: str, task: str) -> int:
+    """Return how many epochs a row takes; to `canonical` a turned scene is as a level one."""
+    return EPOCHS.get(task.removesuffix("-rotated") if model == "canonical" else task, EASY_EPOCHS)
 
 
 def train_row(model: str, task: str, place: Place, part: str = "a") -> Path:
     """Train a model on a task, or go on, or find it trained, and return its run folder."""
     run = place.runs / f"{part}-{model}-{task}"
     split = place.split(task, "train")
-    return train(model, task, split, run, schedule_of(task, place.quick), resume=True, progress=place.progress)
+    return train(model, task, split, run, schedule_of(task, place.quick, model), resume=True, progress=place.progress)
 
 
 def trained(model: str, task: str, place: Place, part: str = "a") -> Result:
     """Train a model on a task, evaluate it in isolation, and return its row; planes are drawn beside the run."""
     run, split = train_row(model, task, place, part), place.split(task, "test")
     found = summary(evaluated(run / "model.py", split, run / "evaluation", place), split)
-    if model == "grounded":
-        slots = range(find_task(task).slots)
-        draw_tasks(load_model(run / WEIGHTS, find_task(task)), {split: slots}, run / "groundings.svg")
+    submission = load_model(run / WEIGHTS, find_task(task))
+    if submission.grounded:
+        draw_tasks(submission, {split: range(find_task(task).slots)}, run / "groundings.svg")
     told = json.loads((run / HISTORY).read_text(encoding="utf-8"))
     return {"model": model, "task": task, "schedule": told["settings"], "history": told["history"], **found}
 
@@ -57,7 +62,7 @@ def rows() -> list[Row]:
         Row(
             f"a-{model}-{task}",
             f"{model.capitalize()} on {task}",
-            MINUTES_AN_EPOCH[model] * EPOCHS.get(task, EASY_EPOCHS),
+            MINUTES_AN_EPOCH[model] * epochs_of(model, task),
             partial(trained, model, task),
         )
         for model, task in pairs
