@@ -22,6 +22,11 @@ CHANCE_CUBE = 40.736
 """Mean least angle to a uniform rotation among its 24 products with the rotations of a cube, degrees (Mackenzie,
 "Second paper on statistics associated with the random disorientation of cubes", Biometrika 1958)."""
 
+LEAST_OF_TUBES = 120.0
+"""Degrees: the least mean error of any model on turned tubes under `identity` and `least_residual`. A tube's cloud is
+as likely after half a turn about any of its axes, so four rotations of a pair of scenes are equally true to what is
+seen; no rotation is nearer to all four, on average, than the third of a turn about their diagonal."""
+
 RELATIVE_PAIRS = 5000
 """Pairs of scenes that are compared, at most: those whose first has the smallest pair_id, which is random."""
 

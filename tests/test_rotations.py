@@ -52,6 +52,16 @@ def test_chance_levels_by_simulation():
     assert errors["best"].max() <= 62.8  # no rotation is farther from the cube's nearest one
 
 
+def test_nobody_tells_half_turns_of_a_tube():
+    """Its cloud has four rotations that fit it as well; whichever is told, their mean error is 120 degrees or more."""
+    half_turns = np.stack([np.diag(signs) for signs in ((1.0, 1, 1), (1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))])
+    third = Rotation.from_rotvec(np.full(3, 2 * np.pi / 3 / np.sqrt(3))).as_matrix()
+    assert np.allclose(rotations.angle_between(half_turns, third[None]), rotations.LEAST_OF_TUBES)
+    told = Rotation.random(20000, rng=np.random.default_rng(4)).as_matrix()
+    mean = np.mean([rotations.angle_between(told, turn[None]) for turn in half_turns], axis=0)
+    assert mean.min() >= rotations.LEAST_OF_TUBES - 1e-9
+
+
 def test_cube_rotations_are_a_group():
     """24 proper signed permutations, closed under products, the identity first."""
     cube = rotations.cube_rotations()

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from eigenbench.baselines.experiments.cells import lines_of, number, percent
 from eigenbench.baselines.experiments.paper import ROTATION_DEGREES, ROWS
 from eigenbench.baselines.experiments.row import Result
+from eigenbench.rotations import LEAST_OF_TUBES, RULES
 
 Rows = Mapping[str, Result]
-RULES = ("identity", "least_residual", "best")
 
 
 def new_tasks(rows: Rows) -> Iterator[list[str]]:
@@ -66,11 +66,13 @@ def _rotations(rows: Rows) -> list[str]:
         errors = [number(rules[rule]["mean_degrees"] if rules else None, 1, 2) for rule in RULES]
         paper = ROTATION_DEGREES.get(row["task"]) if row["model"] == "grounded" else None
         cells.append((row["title"], percent(row.get("accuracy")), *errors, "-" if paper is None else f"{paper:.2f}"))
+    chance = ", ".join(f"{RULES[rule]:.1f}" for rule in RULES)
     text = (
         "Mean error in degrees of the rotation between two turned scenes, told by the vectors: matched as they are, as "
-        "leaves the least residual, or as comes nearest to the truth. Chance is 126.5, 126.5 and 40.7 degrees. The "
-        "paper does not say which matching it counts, and turns one cloud twice; here the two scenes have each their "
-        "own points and size."
+        f"leaves the least residual, or as comes nearest to the truth. Chance is {chance} degrees; on tubes, whose half "
+        f"turns cannot be seen, no model is under {LEAST_OF_TUBES:g} by the first two rules. The "
+        "paper does not say which matching it counts, and turns one cloud twice; here the two scenes have each their own "
+        "points and size."
     )
     return lines_of("Turned scenes (d)", text, columns, cells)
 
