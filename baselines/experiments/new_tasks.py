@@ -69,10 +69,10 @@ def _rotations(rows: Rows) -> list[str]:
     chance = ", ".join(f"{RULES[rule]:.1f}" for rule in RULES)
     text = (
         "Mean error in degrees of the rotation between two turned scenes, told by the vectors: matched as they are, as "
-        f"leaves the least residual, or as comes nearest to the truth. Chance is {chance} degrees; on tubes, whose half "
-        f"turns cannot be seen, no model is under {LEAST_OF_TUBES:g} by the first two rules. The "
-        "paper does not say which matching it counts, and turns one cloud twice; here the two scenes have each their own "
-        "points and size."
+        f"leaves the least residual, or as comes nearest to the truth. Chance is {chance} degrees; on tubes, whose "
+        f"half turns cannot be seen, no model is under {LEAST_OF_TUBES:g} by the first two rules. The paper does not "
+        "say which matching it counts, and turns one cloud twice; here the two scenes have each their own points and "
+        "size."
     )
     return lines_of("Turned scenes (d)", text, columns, cells)
 
