@@ -72,38 +72,40 @@ def test_trained_row_and_its_line_of_the_table(place, tmp_path):
     assert "Data efficiency" not in shown
 
 
-def test_curve_is_that_of_a_trained_run(place, monkeypatch):
-    """Part b fits untrained weights; the curve is what `evaluate` makes of a run that is trained already."""
-    monkeypatch.setattr(efficiency, "QUICK_SIZES", (8, 40))
+@pytest.mark.parametrize("model", ["grounded", "direct"])
+def test_point_is_that_of_a_trained_run(place, monkeypatch, model):
+    """Part b fits and asks in its own process; its scores are what `evaluate` makes of a run that is trained already."""
     monkeypatch.setattr(efficiency, "schedule_of", trained.schedule_of)
-    row = efficiency.curve("grounded", "tube", place)
-    assert [one["pairs"] for one in row["sizes"]] == [8, 40]
-    run = trained.train_row("grounded", "tube", place) / "model.py"
+    run = trained.train_row(model, "tube", place) / "model.py"
     asked = DataEfficiency(place.split("tube", "train"), (8, 40))
-    again = evaluate(run, place.split("tube", "test"), place.runs / "again", data_efficiency=asked, checks=False)
-    told = again.result["data_efficiency"]
-    assert row["area"] == told["area"]
-    for ours, theirs in zip(row["sizes"], told["sizes"], strict=True):
-        assert all(ours[name] == theirs[name] for name in ("accuracy", "matched_r2", "angle_degrees"))
-    monkeypatch.setattr("eigenbench.baselines.experiments.summary.evaluate", lambda *_, **__: pytest.fail("again"))
-    assert efficiency.curve("grounded", "tube", place) == row
+    out = place.runs / f"again-{model}"
+    done = evaluate(run, place.split("tube", "test"), out, data_efficiency=asked, checks=False, report=False)
+    for told in done.result["data_efficiency"]["sizes"]:
+        row = efficiency.point(model, "tube", told["pairs"], place)
+        assert row["pairs"] == told["pairs"]
+        assert row["accuracy"]["value"] == told["accuracy"]["value"]
+        names = {name for name in ("accuracy", "matched_r2", "angle_degrees") if name in told}
+        assert ("matched_r2" in names) == (model == "grounded")
+        for name in names:
+            for end in ("value", "low", "high"):
+                assert row[name][end] == pytest.approx(told[name][end], rel=1e-4)
 
 
 def test_document_shows_the_curves_that_are_there(tmp_path):
     """Rows of part b are drawn beside the document, the same bytes each time; without them there is no picture."""
-    sizes = [
-        {"pairs": n, "accuracy": {"value": 0.5 + n / 1e5, "low": 0.4, "high": 0.9}, "angle_degrees": angle}
-        for n, angle in ((300, {"value": None, "low": None, "high": None}), (1000, {"value": 9, "low": 8, "high": 11}))
-    ]
-    grounded = {"model": "grounded", "task": "tube", "sizes": sizes, "chance_degrees": 57.3}
-    direct = grounded | {"model": "direct", "sizes": [{k: s[k] for k in ("pairs", "accuracy")} for s in sizes]}
-    rows = {"b-grounded-tube": grounded, "b-direct-tube": direct}
+    about = {"task": "tube", "batches": 100, "chance_degrees": 57.3}
+    rows = {}
+    for n, angle in ((300, {"value": None, "low": None, "high": None}), (1000, {"value": 9, "low": 8, "high": 11})):
+        one = about | {"pairs": n, "accuracy": {"value": 0.5 + n / 1e5, "low": 0.4, "high": 0.9}}
+        rows[f"b-direct-tube-{n}"] = one | {"model": "direct"}
+        rows[f"b-grounded-tube-{n}"] = one | {"model": "grounded", "angle_degrees": angle}
     document, picture = tmp_path / "results.md", tmp_path / "efficiency.svg"
     write_document({}, "", document)
     assert "efficiency.svg" not in document.read_text()
     assert not picture.exists()
     write_document(rows, "", document)
     assert "(efficiency.svg)" in document.read_text()
+    assert "| tube | grounded | 1,000 | 100 | 51.00 [40.00, 90.00] | - | 9.00 [8.00, 11.00] |" in document.read_text()
     drawn = picture.read_bytes()
     for word in (b"tube", b"grounded", b"direct", b"chance", b"1k"):
         assert word in drawn

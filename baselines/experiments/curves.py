@@ -11,6 +11,7 @@ from eigenbench.figures import new_figure, paper_style, svg_of
 from eigenbench.shards import write_text_atomically
 
 COLOURS = {"grounded": "#1f5fa8", "direct": "#b7791f"}
+COLUMNS = ("tube", "fit")
 _CHANCE = "#7a848e"
 _WIDTH, _HEIGHT = 3.3, 2.2
 """Inches of a panel."""
@@ -21,6 +22,7 @@ def draw_curves(rows: Sequence[Result], path: Path) -> None:
 
     The same rows give the same bytes. UsageError without matplotlib.
     """
+    rows = sorted(rows, key=lambda row: (COLUMNS.index(row["task"]), row["pairs"]))
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     with paper_style():
         figure, panels = new_figure(_WIDTH * len(tasks), 2 * _HEIGHT, 2, len(tasks))
@@ -42,19 +44,17 @@ def draw_curves(rows: Sequence[Result], path: Path) -> None:
 
 def _curves(panel: Any, rows: Sequence[Result], score: str, times: float) -> None:
     """Draw a score of each model with its intervals; a model without it has no curve."""
-    sizes = sorted({size["pairs"] for row in rows for size in row["sizes"]})
+    sizes = sorted({row["pairs"] for row in rows})
     panel.set_xscale("log")
     panel.set_xticks(sizes, [f"{n / 1000:g}k" if n >= 1000 else str(n) for n in sizes])
     panel.minorticks_off()
-    for row in rows:
-        told = [(size["pairs"], size[score]) for size in row["sizes"] if _known(size.get(score))]
+    for model, colour in COLOURS.items():
+        told = [(row["pairs"], row[score]) for row in rows if row["model"] == model and _known(row.get(score))]
         if told:
             value, low, high = (times * np.array([one[name] for _, one in told]) for name in ("value", "low", "high"))
             spans = np.maximum(np.stack([value - low, high - value]), 0.0)
             style: dict[str, Any] = {"fmt": "o-", "markersize": 3, "capsize": 2, "linewidth": 1}
-            panel.errorbar(
-                [n for n, _ in told], value, yerr=spans, color=COLOURS[row["model"]], label=row["model"], **style
-            )
+            panel.errorbar([n for n, _ in told], value, yerr=spans, color=colour, label=model, **style)
 
 
 def _known(score: Mapping[str, float | None] | None) -> bool:

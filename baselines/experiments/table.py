@@ -107,18 +107,18 @@ def _lengths(rows: Rows) -> list[str]:
 
 
 def _efficiency(rows: Rows) -> list[str]:
-    columns = ("task", "model", "pairs", "accuracy, %", "mean R2", "angle, degrees")
+    columns = ("task", "model", "pairs", "batches", "accuracy, %", "mean R2", "angle, degrees")
     cells = [
         (
             row["task"],
             row["model"],
-            f"{size['pairs']:,}",
-            percent(size["accuracy"]),
-            number(size.get("matched_r2")),
-            number(size.get("angle_degrees"), 1, 2),
+            f"{row['pairs']:,}",
+            f"{row['batches']:,}",
+            percent(row["accuracy"]),
+            number(row.get("matched_r2")),
+            number(row.get("angle_degrees"), 1, 2),
         )
-        for row in part(rows, "b")
-        for size in row["sizes"]
+        for row in sorted(part(rows, "b"), key=lambda r: (r["task"], r["model"], r["pairs"]))
     ]
     chance = next((f"{row['chance_degrees']:.1f}" for row in part(rows, "b")), "")
     text = f"The paper: {STATED['data efficiency']}. A random direction is {chance} degrees off on average."
