@@ -87,10 +87,12 @@ class Product(torch.autograd.Function):
         return product(a, b).to(a.dtype)
 
     @staticmethod
-    def backward(ctx: FunctionCtx, gradient: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the gradients of both."""
+    def backward(ctx: FunctionCtx, gradient: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """Return the gradients of both, None for one that nobody needs."""
         a, b = ctx.saved_tensors
-        return product(gradient, b.t()).to(a.dtype), product(a.t(), gradient).to(b.dtype)
+        needs_a, needs_b = ctx.needs_input_grad
+        of_a = product(gradient, b.t()).to(a.dtype) if needs_a else None
+        return of_a, product(a.t(), gradient).to(b.dtype) if needs_b else None
 
 
 def multiplied(a: Tensor, b: Tensor) -> Tensor:
