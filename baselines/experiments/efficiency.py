@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from eigenbench.asking import CLOUDS
 from eigenbench.baselines.experiments.row import Place, Result, Row
@@ -51,7 +50,7 @@ def answers(model: Submission, dataset: Dataset, place: Place) -> Predictions:
     return Predictions(arrays, found[0].get("groups"))
 
 
-def _answers(model: Submission, dataset: Dataset, place: Place) -> Iterator[dict[str, NDArray[Any]]]:
+def _answers(model: Submission, dataset: Dataset, place: Place) -> Iterator[dict[str, Any]]:
     for start in range(0, len(dataset), _BATCH):
         batch = dataset.read(range(start, min(start + _BATCH, len(dataset))), CLOUDS)
         found = model.predict(*(torch.from_numpy(batch[name]) for name in CLOUDS))
